@@ -1,0 +1,1 @@
+"""Instruments: wire formats (sans-I/O codecs) and the links that carry their bytes."""

@@ -1,0 +1,53 @@
+"""The seam between bytes and records: what every wire format provides."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import msgspec
+
+from drivers.records import Record, Rejected
+
+Kind = Literal["imu", "usbl", "gnss", "depth", "dvl", "heading", "any"]
+
+
+class Decoder(Protocol):
+    """Turns bytes into records. Holds a buffer, does no I/O, never raises on bad input.
+
+    Every input byte ends in exactly one record (or waits in the bounded buffer); after a bad check
+    one byte is dropped and the search goes on, so that a corrupted frame costs only itself.
+    """
+
+    def feed(self, data: bytes, t_rx_ns: int) -> Iterable[Record | Rejected]:
+        """Take one chunk as it arrived, with its receive stamp; give the records it completes."""
+        ...
+
+    def close(self) -> Iterable[Record | Rejected]:
+        """End of the stream: what still waits in the buffer, as rejected bytes."""
+        ...
+
+
+class NoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Options of a codec that has none."""
+
+
+@dataclass(frozen=True)
+class Codec:
+    """A wire format: data, not a class to derive from.
+
+    Attributes
+    ----------
+    options
+        msgspec Struct (frozen, unknown fields forbidden) of what the frame itself does not say.
+    decoder
+        Makes a fresh decoder for an instance of `options`.
+    encode
+        Pure ``(record, options) -> bytes`` of one frame; the emulator and the tests speak through it.
+    """
+
+    name: str
+    kind: Kind
+    devices: str
+    options: type[msgspec.Struct]
+    decoder: Callable[[Any], Decoder]
+    encode: Callable[[Any, Any], bytes]

@@ -1,0 +1,1 @@
+"""Wire formats of inertial measurement units, one module each."""

@@ -1,0 +1,95 @@
+"""What a codec makes of bytes: one frozen record for each frame, or a `Rejected`.
+
+A record speaks in the instrument's own axes and in SI units (angles of acoustic records in degrees,
+as on every edge of the program). Mounting, time of validity and meaning for the filter are not its
+business: `gateway.ingest` gives it those.
+
+Arrival
+-------
+``t_rx_ns`` is the host's monotonic stamp of the chunk that holds the frame's *first* byte, and
+``line_bytes`` the number of bytes from that first byte to the chunk's end. On a serial line the first
+byte came ``line_bytes`` byte-times before the stamp; on a packet link it came with the stamp.
+"""
+
+from typing import Literal
+
+import msgspec
+from msgspec import UNSET, UnsetType
+
+Vec3 = tuple[float, float, float]
+Reason = Literal["checksum", "length", "syntax", "range", "unknown"]
+
+
+class Arrival(msgspec.Struct, frozen=True, kw_only=True):
+    """When the first byte of a frame was seen."""
+
+    t_rx_ns: int
+    line_bytes: int = 0
+
+
+class ImuRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="imu"):
+    """One sample of an inertial measurement unit, in the sensor's own axes.
+
+    Exactly one of ``rate_rad_s`` / ``delta_angle_rad`` and exactly one of ``specific_force_m_s2`` /
+    ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the interval
+    it covers is a question of clocks.
+    """
+
+    sequence: int | None = None
+    t_device_s: float | None = None
+    valid: bool = True
+    rate_rad_s: Vec3 | UnsetType = UNSET
+    delta_angle_rad: Vec3 | UnsetType = UNSET
+    specific_force_m_s2: Vec3 | UnsetType = UNSET
+    delta_velocity_m_s: Vec3 | UnsetType = UNSET
+    temperature_c: float | None = None
+    magnetic_gauss: tuple[Literal["x", "y", "z"], float] | UnsetType = UNSET
+
+
+class UsblRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
+    """One acoustic fix: a beacon seen from the array (x forward, y starboard, z down).
+
+    ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` = atan2(-z, hypot(x, y)),
+    positive up, so a beacon below is negative. What a sentence does not carry is None. ``axes`` says
+    what bearing and xyz refer to: the array itself, or north/east/down where the topside has already
+    turned them.
+    """
+
+    beacon: str
+    bearing_deg: float | None = None
+    elevation_deg: float | None = None
+    slant_range_m: float | None = None
+    xyz_m: Vec3 | None = None
+    t_device_s: float | None = None
+    valid: bool = True
+    error_code: str | None = None
+    range_rate_m_s: float | None = None
+    axes: Literal["array", "north"] = "array"
+    lat_deg: float | UnsetType = UNSET
+    lon_deg: float | UnsetType = UNSET
+    depth_m: float | UnsetType = UNSET
+
+
+class DeviceStatus(Arrival, frozen=True, kw_only=True, tag_field="record", tag="status"):
+    """What an instrument says about its own health (built-in test and the like)."""
+
+    healthy: bool
+    failed: tuple[str, ...] = ()
+
+
+class NmeaSentence(Arrival, frozen=True, kw_only=True, tag_field="record", tag="nmea"):
+    """A sentence of NMEA 0183 whose checksum held; ``fields`` as sent, without address and checksum."""
+
+    talker: str
+    formatter: str
+    fields: tuple[str, ...]
+
+
+class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="rejected"):
+    """Bytes that made no record, and why. Nothing that arrives is dropped without one of these."""
+
+    reason: Reason
+    data: bytes = msgspec.field(name="bytes")
+
+
+Record = ImuRecord | UsblRecord | DeviceStatus | NmeaSentence

@@ -1,0 +1,1 @@
+"""Wire formats of ultra-short-baseline acoustic systems, one module each."""

@@ -1,0 +1,1 @@
+"""The navigation gateway: time, estimation, outputs and the daemon that joins them."""

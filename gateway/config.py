@@ -1,0 +1,190 @@
+"""The configuration file: its shape, and `load`, which names every fault at once with its path."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from drivers import registry
+from drivers.settings import Link, OutputLink
+from gateway.errors import ConfigError
+from gateway.schema import build, read_yaml
+
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Latitude = Annotated[float, Meta(ge=-90, le=90)]
+Longitude = Annotated[float, Meta(ge=-180, le=360)]
+Triple = tuple[float, float, float]
+SigmaTriple = tuple[NonNegative, NonNegative, NonNegative]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
+
+
+class _Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A block of the file: unknown keys are errors."""
+
+
+class Clock(_Block, frozen=True):
+    """How a device's receive times become times of validity."""
+
+    source: Literal["arrival", "device", "pps"] = "arrival"
+    latency_ms: NonNegative = 0.0
+
+
+class ImuNoise(_Block, frozen=True):
+    """Error budget of an IMU. A bias is constant unless a correlation time is given."""
+
+    angle_random_walk_deg_sqrt_h: Positive
+    gyro_bias_deg_h: NonNegative
+    velocity_random_walk_ug_sqrt_hz: Positive
+    accel_bias_ug: NonNegative
+    gyro_bias_correlation_s: Positive | None = None
+    accel_bias_correlation_s: Positive | None = None
+
+
+class UsblNoise(_Block, frozen=True):
+    """White errors of one fix, 1 sigma."""
+
+    bearing_deg: Positive
+    elevation_deg: Positive
+    range_m: Positive
+    range_rate_m_s: Positive = 0.05
+
+
+class UsblPrior(_Block, frozen=True):
+    """1-sigma of the constant acoustic errors to estimate; 0 takes one as known."""
+
+    mounting_deg: NonNegative = 0.0
+    bearing_deg: NonNegative = 0.0
+    elevation_deg: NonNegative = 0.0
+    range_scale: NonNegative = 0.0
+
+
+class ImuDevice(_Block, frozen=True, tag_field="kind", tag="imu"):
+    """An inertial measurement unit."""
+
+    codec: str
+    link: Link
+    rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
+    noise: ImuNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+
+
+class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
+    """An ultra-short-baseline array on the vehicle."""
+
+    codec: str
+    link: Link
+    noise: UsblNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    prior: UsblPrior = UsblPrior()
+
+
+Device = ImuDevice | UsblDevice
+
+
+class Beacon(_Block, frozen=True):
+    """A transponder moored at a known place."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    height_m: float
+    turnaround_ms: NonNegative = 0.0
+    travel: Literal["two_way", "one_way"] = "two_way"
+
+
+class Filter(_Block, frozen=True):
+    """The estimator's choices."""
+
+    error: Literal["right_invariant", "left_invariant", "additive"] = "right_invariant"
+    coupling: Literal["tight", "loose"] = "tight"
+    innovation_gate: Annotated[float, Meta(gt=0.5, lt=1)] = 0.999
+    history_s: Annotated[float, Meta(gt=0, le=120)] = 10.0
+    max_fix_age_s: Positive = 10.0
+
+
+class InitialSigma(_Block, frozen=True):
+    """1-sigma of the initial solution: north, east, down; velocity; roll, pitch, heading."""
+
+    position_m: SigmaTriple
+    velocity_m_s: Positive
+    attitude_deg: SigmaTriple
+
+
+class Initial(_Block, frozen=True):
+    """Where the first solution comes from."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    height_m: float
+    attitude_deg: Triple
+    sigma: InitialSigma
+    velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
+
+
+Sentence = Literal["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]
+
+
+class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
+    """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a serial line or stdout."""
+
+    link: OutputLink
+    sentences: tuple[Sentence, ...] = ("GGA", "RMC", "HDT", "VTG", "GST", "ZDA")
+    rate_hz: Annotated[float, Meta(gt=0, le=100)] = 1.0
+    talker: Annotated[str, Meta(pattern="^[A-Z]{2}$")] = "GP"
+
+
+class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
+    """Publication under ``usblnav/<vehicle>/``."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    rate_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    multicast: bool = False
+
+
+Output = NmeaOutput | ZenohOutput
+
+
+class Config(_Block, frozen=True):
+    """The whole file."""
+
+    vehicle: Name
+    devices: dict[Name, Device]
+    initial: Initial
+    beacons: dict[str, Beacon] = {}
+    sound_speed_m_s: Annotated[float, Meta(ge=1300, le=1700)] = 1500.0
+    filter: Filter = Filter()
+    outputs: tuple[Output, ...] = ()
+
+    @property
+    def imu(self) -> tuple[str, ImuDevice]:
+        """Name and block of the one IMU (its presence is checked by `load`)."""
+        return next((n, d) for n, d in self.devices.items() if isinstance(d, ImuDevice))
+
+    @property
+    def usbl(self) -> dict[str, UsblDevice]:
+        """The acoustic arrays by name."""
+        return {n: d for n, d in self.devices.items() if isinstance(d, UsblDevice)}
+
+
+def load(path: Path) -> Config:
+    """Read, validate and cross-check a configuration file.
+
+    Raises
+    ------
+    ConfigError
+        With every fault found, each with its path in the file.
+    """
+    data = read_yaml(path)
+    faults: list[str] = []
+    config = build(Config, data, faults)
+    if config is None or faults:
+        raise ConfigError(faults)
+    return config

@@ -1,0 +1,118 @@
+"""What passes between ingest, the filter process and the outputs. Radians and SI units inside.
+
+Times ``t_ns`` are host monotonic nanoseconds of *validity*; wall time appears only at outputs.
+Vectors are tuples (messages cross a process boundary as msgpack), blocks of IMU samples are bytes of
+float64 rows, see `ImuBlock`.
+"""
+
+import msgspec
+
+from gateway.modes import Mode
+
+Vec3 = tuple[float, float, float]
+
+
+class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
+    """Consecutive samples of the IMU in body axes (FRD), oldest first.
+
+    ``t_ns`` (n,) int64 little-endian: end of each sample's interval, strictly increasing.
+    ``rows`` (n, 8) float64: interval dt (s), angle increment (rad) x 3, velocity increment (m/s) x 3,
+    and the variance factor of the sample (1 for a healthy one, more where a gap was bridged).
+    """
+
+    t_ns: bytes
+    rows: bytes
+
+
+class UsblFix(msgspec.Struct, frozen=True, array_like=True, tag="usbl"):
+    """One acoustic fix at the moment the reply reached the array.
+
+    Angles in rad in array axes `u` (bearing to starboard, elevation up), slant range in m as the
+    instrument computed it with the nominal sound speed; None where the sentence did not carry it.
+    """
+
+    t_ns: int
+    device: str
+    beacon: str
+    elevation: float | None
+    bearing: float | None
+    slant_range: float | None
+
+
+Measurement = ImuBlock | UsblFix
+
+
+class NavSolution(msgspec.Struct, frozen=True, array_like=True, tag="nav"):
+    """The fused solution of the vehicle (IMU position), geodetic WGS84 and NED."""
+
+    t_ns: int
+    mode: Mode
+    lat: float
+    lon: float
+    h: float
+    v_eb_n: Vec3
+    roll: float
+    pitch: float
+    heading: float
+    sd_position: Vec3
+    """1-sigma north, east, down (m)."""
+    sd_velocity: Vec3
+    """1-sigma north, east, down (m/s)."""
+    sd_attitude: Vec3
+    """1-sigma of roll, pitch, heading (rad)."""
+    cov_ne: float
+    """Covariance of north and east position (m^2), for the error ellipse."""
+    fix_age_s: float | None
+    """Seconds since the last fix that was used; None before the first."""
+    fixes_used: int
+    fixes_rejected: int
+
+
+class Component(msgspec.Struct, frozen=True, array_like=True):
+    """One row of an innovation: ``value`` = measured - predicted, ``sigma`` = sqrt of its S entry."""
+
+    name: str
+    value: float
+    sigma: float
+
+
+class Innovation(msgspec.Struct, frozen=True, array_like=True, tag="innovation"):
+    """What the filter made of one fix. ``reason`` is "" for a used one."""
+
+    t_ns: int
+    device: str
+    beacon: str
+    components: tuple[Component, ...]
+    nis: float
+    accepted: bool
+    reason: str
+
+
+class Constant(msgspec.Struct, frozen=True, array_like=True):
+    """One estimated constant; its unit stands at the end of its name (edge units: degrees)."""
+
+    name: str
+    value: float
+    sigma: float
+
+
+class Calibration(msgspec.Struct, frozen=True, array_like=True, tag="calibration"):
+    """The constants the filter estimates beside the motion: IMU biases and acoustic errors."""
+
+    t_ns: int
+    constants: tuple[Constant, ...]
+
+
+class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
+    """Running totals of the filter process."""
+
+    t_ns: int
+    imu_samples: int
+    fixes_used: int
+    fixes_gated: int
+    fixes_late: int
+    fixes_too_late: int
+    resets: int
+
+
+FilterOutput = NavSolution | Innovation | Calibration | FilterCounts
