@@ -1,0 +1,16 @@
+"""Where the golden frames and captures are: beside the project, never inside it."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def shared(*parts: str) -> Path:
+    """Path of a shared golden file; skips the test in a checkout that has none."""
+    path = Path(os.environ.get("USBLNAV_SHARED", ROOT.parent / "shared")).joinpath(*parts)
+    if not path.exists():
+        pytest.skip(f"golden data not here: {'/'.join(parts)} (set USBLNAV_SHARED)")
+    return path
