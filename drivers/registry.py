@@ -1,0 +1,81 @@
+"""Names of wire formats and where each one lives; a codec is imported when it is first asked for."""
+
+from difflib import get_close_matches
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+
+from drivers.codec import Codec
+
+GROUP = "usblnav.codecs"
+"""Entry-point group through which other packages add codecs; a built-in name wins."""
+
+CODECS: dict[str, str] = {
+    "kvh1750": "drivers.imu.kvh:KVH1750",
+    "tracklink-lxt": "drivers.usbl.tracklink:LXT",
+    "tracklink-tp2": "drivers.usbl.tracklink:TP2",
+    "tracklink-gll": "drivers.usbl.tracklink:GLL",
+    "tracklink-log": "drivers.usbl.tracklink:LOG",
+    "nmea0183": "drivers.nmea0183:NMEA0183",
+}
+
+
+class UnknownCodecError(KeyError):
+    """No codec has this name; the message offers the names that look like it."""
+
+    def __init__(self, name: str, known: list[str]) -> None:
+        super().__init__(name)
+        self.name = name
+        self.known = known
+
+    def __str__(self) -> str:
+        near = get_close_matches(self.name, self.known, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(self.known)}"
+        return f'no codec is called "{self.name}"; {hint}'
+
+
+class CodecImportError(ImportError):
+    """A codec another package announces could not be used."""
+
+
+def names() -> list[str]:
+    """Names of all codecs, built-in and installed, sorted; imports none of them."""
+    return sorted({*CODECS, *_installed()})
+
+
+def lookup(name: str) -> Codec:
+    """Give the codec called `name`, importing it now.
+
+    Raises
+    ------
+    UnknownCodecError
+        If neither this package nor an installed one provides the name.
+    CodecImportError
+        If an installed package announces the name but does not deliver a `Codec`.
+    """
+    if name in CODECS:
+        module, _, attribute = CODECS[name].partition(":")
+        codec: Codec = getattr(import_module(module), attribute)
+        return codec
+    point = _installed().get(name)
+    if point is None:
+        raise UnknownCodecError(name, names())
+    return _load(point)
+
+
+def all_codecs() -> list[Codec]:
+    """Every codec, sorted by name; imports them all."""
+    return [lookup(name) for name in names()]
+
+
+def _installed() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def _load(point: EntryPoint) -> Codec:
+    try:
+        codec = point.load()
+    except (ImportError, AttributeError) as error:
+        raise CodecImportError(f'codec "{point.name}" ({point.value}): {error}') from error
+    if not isinstance(codec, Codec):
+        raise CodecImportError(f'codec "{point.name}" ({point.value}) is not a drivers.codec.Codec')
+    return codec
