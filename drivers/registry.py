@@ -1,4 +1,4 @@
-"""Names of wire formats and where each one lives; a codec is imported when it is first asked for."""
+"""Names of wire formats and where each one lives; a codec is imported when first asked for."""
 
 from difflib import get_close_matches
 from importlib import import_module
