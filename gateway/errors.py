@@ -1,5 +1,7 @@
 """Errors a user can cause; each becomes one clear line and an exit code, never a traceback."""
 
+from pathlib import Path
+
 
 class UsblnavError(Exception):
     """Something failed while running: one line that says what and where (exit code 1)."""
@@ -8,10 +10,15 @@ class UsblnavError(Exception):
 
 
 class ConfigError(UsblnavError):
-    """Unusable arguments or configuration; `faults` holds every problem found (exit code 2)."""
+    """Unusable arguments or configuration (exit code 2).
+
+    ``faults`` holds every problem found, ``file`` the file they stand in; as text, a line for each.
+    """
 
     exit_code = 2
 
-    def __init__(self, faults: list[str] | str) -> None:
+    def __init__(self, faults: list[str] | str, file: Path | None = None) -> None:
         self.faults = [faults] if isinstance(faults, str) else faults
-        super().__init__("\n".join(self.faults))
+        self.file = file
+        prefix = f"{file}: " if file else ""
+        super().__init__("\n".join(prefix + fault for fault in self.faults))
