@@ -281,7 +281,8 @@ def _phrase(kind: inspect.Type) -> str:
         case inspect.EnumType():
             return _choice([str(member.value) for member in kind.cls])
         case inspect.TupleType():
-            return f"a list of {len(kind.item_types)}"
+            numeric = all(isinstance(item, inspect.FloatType) for item in kind.item_types)
+            return f"a list of {len(kind.item_types)}" + (" numbers" if numeric else "")
         case inspect.VarTupleType() | inspect.ListType():
             return "a list" + (f" of at least {kind.min_length}" if kind.min_length else "")
         case inspect.UnionType():

@@ -1,15 +1,11 @@
-"""The configuration file: its shape, and `load`, which names every fault at once with its path."""
+"""The blocks of the configuration file: every key with its type, bounds and default."""
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from drivers import registry
 from drivers.settings import Link, OutputLink
-from gateway.errors import ConfigError
-from gateway.schema import build, read_yaml
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
@@ -17,7 +13,21 @@ Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=360)]
 Triple = tuple[float, float, float]
 SigmaTriple = tuple[NonNegative, NonNegative, NonNegative]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z",
+        max_length=64,
+        description="a name of letters, digits and _ . - (at most 64)",
+    ),
+]
+Endpoint = Annotated[
+    str,
+    Meta(
+        pattern=r"\A[a-z0-9]+/\S+\Z",
+        description="an endpoint such as tcp/192.168.1.5:7447",
+    ),
+]
 
 
 class _Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -134,9 +144,16 @@ class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
     """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a serial line or stdout."""
 
     link: OutputLink
-    sentences: tuple[Sentence, ...] = ("GGA", "RMC", "HDT", "VTG", "GST", "ZDA")
+    sentences: Annotated[tuple[Sentence, ...], Meta(min_length=1)] = (
+        "GGA",
+        "RMC",
+        "HDT",
+        "VTG",
+        "GST",
+        "ZDA",
+    )
     rate_hz: Annotated[float, Meta(gt=0, le=100)] = 1.0
-    talker: Annotated[str, Meta(pattern="^[A-Z]{2}$")] = "GP"
+    talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
 
 
 class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
@@ -144,8 +161,8 @@ class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
 
     mode: Literal["peer", "client", "router"] = "peer"
     rate_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
-    connect: tuple[str, ...] = ()
-    listen: tuple[str, ...] = ()
+    connect: tuple[Endpoint, ...] = ()
+    listen: tuple[Endpoint, ...] = ()
     multicast: bool = False
 
 
@@ -172,19 +189,3 @@ class Config(_Block, frozen=True):
     def usbl(self) -> dict[str, UsblDevice]:
         """The acoustic arrays by name."""
         return {n: d for n, d in self.devices.items() if isinstance(d, UsblDevice)}
-
-
-def load(path: Path) -> Config:
-    """Read, validate and cross-check a configuration file.
-
-    Raises
-    ------
-    ConfigError
-        With every fault found, each with its path in the file.
-    """
-    data = read_yaml(path)
-    faults: list[str] = []
-    config = build(Config, data, faults)
-    if config is None or faults:
-        raise ConfigError(faults)
-    return config

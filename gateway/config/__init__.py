@@ -1,0 +1,77 @@
+"""The configuration file: its blocks, and `load`, which names every fault at once with its path."""
+
+from pathlib import Path
+
+import msgspec
+
+from drivers import registry
+from drivers.codec import Codec
+from gateway.config.blocks import (
+    Beacon,
+    Clock,
+    Config,
+    Device,
+    Filter,
+    ImuDevice,
+    ImuNoise,
+    Initial,
+    InitialSigma,
+    NmeaOutput,
+    Output,
+    UsblDevice,
+    UsblNoise,
+    UsblPrior,
+    ZenohOutput,
+)
+from gateway.config.checks import cross_faults, unavailable
+from gateway.errors import ConfigError
+from gateway.schema import build, draft, known, read_yaml
+
+__all__ = [
+    "Beacon",
+    "Clock",
+    "Config",
+    "Device",
+    "Filter",
+    "ImuDevice",
+    "ImuNoise",
+    "Initial",
+    "InitialSigma",
+    "NmeaOutput",
+    "Output",
+    "UsblDevice",
+    "UsblNoise",
+    "UsblPrior",
+    "ZenohOutput",
+    "load",
+    "unavailable",
+    "wire_format",
+]
+
+
+def load(path: Path) -> Config:
+    """Read, validate and cross-check a configuration file.
+
+    Raises
+    ------
+    ConfigError
+        With every fault found, each with its path in the file.
+    """
+    data = read_yaml(path)
+    faults: list[str] = []
+    config = draft(Config, data, faults)
+    if known(config):
+        faults.extend(cross_faults(config))
+    if faults:
+        raise ConfigError(faults, path)
+    return config
+
+
+def wire_format(device: Device) -> tuple[Codec, msgspec.Struct]:
+    """Codec of a checked device, and its options as the codec's own Struct."""
+    codec = registry.lookup(device.codec)
+    faults: list[str] = []
+    options = build(codec.options, device.options, faults, "options")
+    if options is None:
+        raise ConfigError(faults)
+    return codec, options

@@ -1,0 +1,188 @@
+"""Checks across the blocks of the configuration file; each names its faults by their path.
+
+They see a draft: a hole (see `gateway.schema.known`) stands where a fault has been named already.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from ipaddress import ip_address, ip_network
+
+from drivers import registry
+from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
+from gateway.config.blocks import Config, Device, ImuDevice, UsblDevice, ZenohOutput
+from gateway.schema import build, known
+
+NOT_YET: dict[str, tuple[str, ...]] = {
+    "filter.error": ("left_invariant", "additive"),
+    "filter.coupling": ("loose",),
+    "clock.source": ("pps",),
+}
+"""What the file may say but this release does not do."""
+
+
+def cross_faults(config: Config) -> Iterator[str]:
+    """Every fault that shows only where blocks meet."""
+    for check in _CHECKS:
+        yield from check(config)
+
+
+def unavailable(key: str, value: str) -> str | None:
+    """The fault of a choice that this release does not do yet (see `NOT_YET`), or None."""
+    return f"{value} is not available yet" if value in NOT_YET[key] else None
+
+
+def _readable(config: Config) -> dict[str, Device]:
+    devices = config.devices if known(config.devices) else {}
+    return {name: device for name, device in devices.items() if known(device)}
+
+
+def _one_imu(config: Config) -> Iterator[str]:
+    devices = _readable(config)
+    imus = [name for name, device in devices.items() if isinstance(device, ImuDevice)]
+    if len(imus) > 1:
+        yield f"devices: {', '.join(imus)} are all of kind imu; exactly one is needed"
+    elif not imus and known(config.devices, *config.devices.values()):
+        yield "devices: none is of kind imu; exactly one is needed"
+
+
+def _codecs(config: Config) -> Iterator[str]:
+    for name, device in _readable(config).items():
+        if not known(device.codec):
+            continue
+        try:
+            codec = registry.lookup(device.codec)
+        except (registry.UnknownCodecError, registry.CodecImportError) as error:
+            yield f"devices.{name}.codec: {error}"
+            continue
+        kind = "imu" if isinstance(device, ImuDevice) else "usbl"
+        if codec.kind != kind:
+            fitting = [other.name for other in registry.all_codecs() if other.kind == kind]
+            wrong = f"{codec.name} is of kind {codec.kind}, the device of kind {kind}"
+            yield f"devices.{name}.codec: {wrong}; one of: {', '.join(fitting)}"
+        elif known(device.options):
+            faults: list[str] = []
+            build(codec.options, device.options, faults, f"devices.{name}.options")
+            yield from faults
+
+
+def _beacons(config: Config) -> Iterator[str]:
+    arrays = [name for name, dev in _readable(config).items() if isinstance(dev, UsblDevice)]
+    if arrays and known(config.beacons) and not config.beacons:
+        yield f"beacons: missing; devices.{arrays[0]} needs at least one"
+
+
+def _latencies(config: Config) -> Iterator[str]:
+    if not known(config.filter) or not known(config.filter.history_s):
+        return
+    for name, device in _readable(config).items():
+        if not known(device.clock) or not known(device.clock.latency_ms):
+            continue
+        if device.clock.latency_ms >= 1000 * config.filter.history_s:
+            yield (
+                f"devices.{name}.clock.latency_ms: {device.clock.latency_ms:g} ms is not within "
+                f"filter.history_s ({config.filter.history_s:g} s); all its data would be too late"
+            )
+
+
+@dataclass(frozen=True)
+class _Claim:
+    """Something only one device or output can have."""
+
+    owner: str
+    what: str
+    address: str = ""
+
+    def clashes(self, other: "_Claim") -> bool:
+        anywhere = {"0.0.0.0", "::", ""}
+        meet = self.address == other.address or anywhere & {self.address, other.address}
+        return self.what == other.what and bool(meet)
+
+
+def _claims(config: Config) -> Iterator[_Claim]:
+    for name, device in _readable(config).items():
+        match device.link:
+            case SerialLink(port=port) if known(port):
+                yield _Claim(f"devices.{name}", f"serial port {port}")
+            case UdpLink(port=port, bind=bind, group=group) if known(port, bind, group):
+                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind)
+    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+        owner = f"outputs[{n}]"
+        if isinstance(output, ZenohOutput):
+            yield _Claim(owner, "the Zenoh session")
+        elif known(output):
+            match output.link:
+                case SerialLink(port=port) if known(port):
+                    yield _Claim(owner, f"serial port {port}")
+                case TcpLink(port=port, bind=bind) if known(port, bind):
+                    yield _Claim(owner, f"TCP port {port}", bind)
+                case StdioLink():
+                    yield _Claim(owner, "standard output")
+
+
+def _collisions(config: Config) -> Iterator[str]:
+    earlier: list[_Claim] = []
+    for claim in _claims(config):
+        taken = next((other for other in earlier if claim.clashes(other)), None)
+        if taken is not None:
+            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}"
+        earlier.append(claim)
+
+
+def _addresses(config: Config) -> Iterator[str]:
+    for name, device in _readable(config).items():
+        if not isinstance(device.link, UdpLink):
+            continue
+        path, link = f"devices.{name}.link", device.link
+        for n, source in enumerate(link.allow if known(link.allow) else ()):
+            if known(source) and not _is_network(source):
+                yield f'{path}.allow[{n}]: expected an address or network, got "{source}"'
+        if known(link.group) and link.group is not None and not _is_multicast(link.group):
+            yield f'{path}.group: expected a multicast address, got "{link.group}"'
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ip_network(text, strict=False)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_multicast(text: str) -> bool:
+    try:
+        return ip_address(text).is_multicast
+    except ValueError:
+        return False
+
+
+def _zenoh(config: Config) -> Iterator[str]:
+    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+        if isinstance(output, ZenohOutput) and output.mode == "client" and not output.connect:
+            yield f"outputs[{n}].connect: missing; a client needs its router's endpoint"
+
+
+def _not_yet(config: Config) -> Iterator[str]:
+    choices: list[tuple[str, str, str]] = [
+        (f"devices.{name}.clock.source", "clock.source", device.clock.source)
+        for name, device in _readable(config).items()
+        if known(device.clock)
+    ]
+    if known(config.filter):
+        choices.append(("filter.error", "filter.error", config.filter.error))
+        choices.append(("filter.coupling", "filter.coupling", config.filter.coupling))
+    for path, key, value in choices:
+        fault = unavailable(key, value)
+        if fault:
+            yield f"{path}: {fault}"
+
+
+_CHECKS = (
+    _one_imu,
+    _codecs,
+    _beacons,
+    _latencies,
+    _collisions,
+    _addresses,
+    _zenoh,
+    _not_yet,
+)
