@@ -1,0 +1,43 @@
+"""Open lines: each an async iterator of stamped chunks of bytes."""
+
+from contextlib import AbstractAsyncContextManager
+
+from drivers.links.base import Chunk, Link, LinkCounts, LinkLost
+from drivers.settings import Link as LinkSettings
+from drivers.settings import SerialLink, UdpLink
+
+__all__ = ["Chunk", "Link", "LinkCounts", "LinkLost", "open_link"]
+
+
+def open_link(
+    settings: LinkSettings, counts: LinkCounts | None = None
+) -> AbstractAsyncContextManager[Link]:
+    """Open what a `link:` block of the configuration describes, for reading.
+
+    ``async with open_link(settings) as link: async for chunk in link: ...``
+
+    Parameters
+    ----------
+    settings
+        Serial line, UDP socket or TCP client.
+    counts
+        Totals to go on from; pass the same object again after a loss.
+
+    Raises
+    ------
+    LinkLost
+        On entering, where the line cannot be opened; while iterating, where it is lost.
+    """
+    counts = LinkCounts() if counts is None else counts
+    # Imported on use: a capture is replayed without pyserial, and where there are no ttys.
+    if isinstance(settings, SerialLink):
+        from drivers.links.serial import open_serial
+
+        return open_serial(settings, counts)
+    if isinstance(settings, UdpLink):
+        from drivers.links.udp import open_udp
+
+        return open_udp(settings, counts)
+    from drivers.links.tcp import open_tcp
+
+    return open_tcp(settings, counts)

@@ -1,0 +1,198 @@
+"""UDP links over real sockets: unicast, broadcast, multicast, stamps, refusals, overflow."""
+
+import asyncio
+import os
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.links import Chunk, LinkCounts, LinkLost, open_link
+from drivers.links.base import CHUNK_OVERHEAD, Link
+from drivers.settings import UdpLink
+from drivers.sources import address_faults
+
+
+def free_port(address: str = "127.0.0.1") -> int:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.bind((address, 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def sender() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        yield sock
+
+
+async def take(link: Link, count: int) -> list[Chunk]:
+    async with asyncio.timeout(5):
+        return [await anext(link) for _ in range(count)]
+
+
+async def test_datagrams_come_whole_and_in_order(sender: socket.socket) -> None:
+    port = free_port()
+    counts = LinkCounts()
+    sent = [b"", b"a", b"\x00" * 9000, b"z" * 60_000]
+    async with open_link(UdpLink(port=port), counts) as link:
+        for data in sent:
+            sender.sendto(data, ("127.0.0.1", port))
+        chunks = await take(link, len(sent))
+    assert [chunk.data for chunk in chunks] == sent
+    assert {chunk.source for chunk in chunks} == {f"127.0.0.1:{sender.getsockname()[1]}"}
+    assert (counts.chunks, counts.bytes) == (4, sum(map(len, sent)))
+
+
+@pytest.mark.skipif(os.uname().sysname != "Linux", reason="the kernel stamps on Linux only")
+async def test_stamp_is_the_kernels_even_when_the_loop_is_blocked(sender: socket.socket) -> None:
+    port = free_port()
+    async with open_link(UdpLink(port=port)) as link:
+        sent = []
+        for n in range(5):
+            sent.append(time.monotonic_ns())
+            sender.sendto(bytes([n]), ("127.0.0.1", port))
+            time.sleep(0.05)  # noqa: ASYNC251 - this is the stall
+        chunks = await take(link, 5)
+    assert time.monotonic_ns() - sent[0] > 240_000_000
+    for t_sent, chunk in zip(sent, chunks, strict=True):
+        assert 0 <= chunk.t_rx_ns - t_sent + 100_000 < 5_000_000
+
+
+async def test_stamps_of_a_stepped_wall_clock_are_not_believed(
+    sender: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    async with open_link(UdpLink(port=port)) as link:
+        sender.sendto(b"x", ("127.0.0.1", port))
+        real = time.time_ns
+        monkeypatch.setattr(time, "time_ns", lambda: real() + 3_600_000_000_000)
+        before = time.monotonic_ns()
+        (chunk,) = await take(link, 1)
+    assert before <= chunk.t_rx_ns <= time.monotonic_ns()
+
+
+@pytest.mark.parametrize("allow", [("127.0.0.2",), ("10.0.0.0/8", "127.0.0.2/32")])
+async def test_only_allowed_senders_are_heard(
+    sender: socket.socket, allow: tuple[str, ...]
+) -> None:
+    port = free_port()
+    counts = LinkCounts()
+    async with open_link(UdpLink(port=port, allow=allow), counts) as link:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as friend:
+            friend.bind(("127.0.0.2", 0))
+            sender.sendto(b"stranger", ("127.0.0.1", port))
+            friend.sendto(b"friend", ("127.0.0.1", port))
+            (chunk,) = await take(link, 1)
+    assert chunk.data == b"friend"
+    assert counts.refused == 1
+
+
+async def test_a_multicast_group_is_joined_and_nothing_else_gets_in(sender: socket.socket) -> None:
+    port = free_port("0.0.0.0")
+    settings = UdpLink(port=port, group="239.192.7.1", bind="127.0.0.1")
+    interface = socket.inet_aton("127.0.0.1")
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+    async with open_link(settings) as first, open_link(settings) as second:
+        sender.sendto(b"not for the group", ("127.0.0.1", port))
+        sender.sendto(b"another group", ("239.192.7.2", port))
+        sender.sendto(b"group", ("239.192.7.1", port))
+        for link in (first, second):
+            assert (await take(link, 1))[0].data == b"group"
+
+
+async def test_broadcasts_are_heard_on_the_wildcard(sender: socket.socket) -> None:
+    port = free_port("0.0.0.0")
+    sender.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    async with open_link(UdpLink(port=port, bind="0.0.0.0")) as link:
+        sender.sendto(b"all", ("127.255.255.255", port))
+        assert (await take(link, 1))[0].data == b"all"
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
+async def test_ipv6_and_a_dual_stack_wildcard(sender: socket.socket) -> None:
+    port = free_port("::1")
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as six:
+        six.bind(("::1", 0))
+        own = f"[::1]:{six.getsockname()[1]}"
+        async with open_link(UdpLink(port=port, bind="::1", allow=("::1",))) as link:
+            six.sendto(b"six", ("::1", port))
+            (chunk,) = await take(link, 1)
+        assert chunk.source == own
+    async with open_link(UdpLink(port=port, bind="::", allow=("127.0.0.1",))) as link:
+        sender.sendto(b"four", ("127.0.0.1", port))
+        assert (await take(link, 1))[0].data == b"four"
+
+
+async def test_a_taken_port_is_one_clear_line() -> None:
+    port = free_port()
+    async with open_link(UdpLink(port=port)):
+        with pytest.raises(LinkLost) as lost:
+            async with open_link(UdpLink(port=port)):
+                pass
+    assert str(lost.value) == f"udp 127.0.0.1:{port}: address already in use"
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        (UdpLink(port=7001, bind="203.0.113.9"), "cannot assign requested address"),
+        (UdpLink(port=7001, group="10.0.0.1"), "not a multicast group"),
+        (UdpLink(port=7001, allow=("nonsense",)), "'nonsense' does not appear to be"),
+    ],
+)
+async def test_unusable_addresses_are_one_clear_line(settings: UdpLink, line: str) -> None:
+    with pytest.raises(LinkLost, match=f"^udp .*:7001: .*{line}"):
+        async with open_link(settings):
+            pass
+
+
+async def test_kernel_drops_are_counted_exactly(sender: socket.socket) -> None:
+    port = free_port()
+    counts = LinkCounts()
+    async with open_link(UdpLink(port=port), counts) as link:
+        sent = 0
+        while sent < 20_000:  # more than any receive buffer holds, with the loop not running
+            sender.sendto(b"x" * 1000, ("127.0.0.1", port))
+            sent += 1
+        first = await take(link, 1)
+        await drained(link, counts)
+        sender.sendto(b"last", ("127.0.0.1", port))  # carries the final count
+        while (await take(link, 1))[0].data != b"last":
+            pass
+    assert first[0].data == b"x" * 1000
+    assert counts.kernel_dropped > 0
+    assert counts.chunks + counts.kernel_dropped == sent + 1
+
+
+async def drained(link: Link, counts: LinkCounts) -> None:
+    """Wait until the loop has turned often without anything new having come."""
+    before = -1
+    while before != counts.chunks:
+        before = counts.chunks
+        for _ in range(10):
+            await asyncio.sleep(0)
+
+
+async def test_a_slow_reader_loses_the_oldest_and_it_is_counted() -> None:
+    counts = LinkCounts()
+    link = Link("udp test", counts, limit=10 * (100 + CHUNK_OVERHEAD))
+    for n in range(25):
+        link.put(Chunk(bytes([n]) * 100, n, ""))
+    link.lose("over")
+    assert [(await anext(link)).t_rx_ns for _ in range(10)] == list(range(15, 25))
+    with pytest.raises(LinkLost, match=r"^udp test: over$"):
+        await anext(link)
+    assert (counts.chunks, counts.bytes) == (25, 2500)
+    assert (counts.dropped_chunks, counts.dropped_bytes) == (15, 1500)
+
+
+def test_addresses_that_make_no_sense_are_named() -> None:
+    settings = UdpLink(port=7001, allow=("10.0.0.0/8", "fd00::1", "10.0.0.300"), group="10.1.1.1")
+    assert list(address_faults(settings)) == [
+        ("allow[2]", 'expected an address or a network, got "10.0.0.300"'),
+        ("group", 'expected a multicast address, got "10.1.1.1"'),
+    ]
+    assert not list(address_faults(UdpLink(port=7001, group="ff15::1", allow=("::/0",))))
