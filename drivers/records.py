@@ -7,8 +7,8 @@ business: `gateway.ingest` gives it those.
 Arrival
 -------
 ``t_rx_ns`` is the host's monotonic stamp of the chunk that holds the frame's *first* byte, and
-``line_bytes`` the number of bytes from that first byte to the chunk's end. On a serial line the first
-byte came ``line_bytes`` byte-times before the stamp; on a packet link it came with the stamp.
+``line_bytes`` the number of bytes from that first byte to the chunk's end. On a serial line the
+first byte came ``line_bytes`` byte-times before the stamp; on a packet link it came with the stamp.
 """
 
 from typing import Literal
@@ -31,8 +31,8 @@ class ImuRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="imu
     """One sample of an inertial measurement unit, in the sensor's own axes.
 
     Exactly one of ``rate_rad_s`` / ``delta_angle_rad`` and exactly one of ``specific_force_m_s2`` /
-    ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the interval
-    it covers is a question of clocks.
+    ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the
+    interval it covers is a question of clocks.
     """
 
     sequence: int | None = None
@@ -49,10 +49,10 @@ class ImuRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="imu
 class UsblRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
     """One acoustic fix: a beacon seen from the array (x forward, y starboard, z down).
 
-    ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` = atan2(-z, hypot(x, y)),
-    positive up, so a beacon below is negative. What a sentence does not carry is None. ``axes`` says
-    what bearing and xyz refer to: the array itself, or north/east/down where the topside has already
-    turned them.
+    ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` =
+    atan2(-z, hypot(x, y)), positive up, so a beacon below is negative. What a sentence does not
+    carry is None. ``axes`` says what bearing and xyz refer to: the array itself, or
+    north/east/down where the topside has already turned them.
     """
 
     beacon: str
@@ -78,7 +78,7 @@ class DeviceStatus(Arrival, frozen=True, kw_only=True, tag_field="record", tag="
 
 
 class NmeaSentence(Arrival, frozen=True, kw_only=True, tag_field="record", tag="nmea"):
-    """A sentence of NMEA 0183 whose checksum held; ``fields`` as sent, without address and checksum."""
+    """A sentence of NMEA 0183 whose checksum held; ``fields`` as sent, without the address."""
 
     talker: str
     formatter: str
@@ -93,3 +93,12 @@ class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="reje
 
 
 Record = ImuRecord | UsblRecord | DeviceStatus | NmeaSentence
+
+
+def to_json(record: Record | Rejected) -> bytes:
+    """Write a record as one line of JSON (no newline); rejected bytes are printed as hex."""
+    if not isinstance(record, Rejected):
+        return msgspec.json.encode(record)
+    fields = msgspec.structs.asdict(record)
+    raw = fields.pop("data").hex()
+    return msgspec.json.encode({"record": "rejected", **fields, "bytes": raw})

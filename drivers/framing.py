@@ -1,0 +1,271 @@
+"""Finding frames in a stream: one bounded buffer, and on it sync-word frames and text lines.
+
+Every byte ends in exactly one record, and the records do not depend on how the stream was cut into
+chunks. A candidate that fails its check costs one byte: its declared length is not believed, so
+good frames behind it are found.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from drivers.records import Reason, Record, Rejected
+
+JUNK_MAX = 1024
+"""Longest run of junk held back to become one `Rejected` (bytes)."""
+
+Found = list[Record | Rejected]
+
+
+class FrameBuffer:
+    """Bytes that wait, when each of them arrived, and the run of junk at their front."""
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+        self._start = 0
+        self._chunks: deque[tuple[int, int]] = deque()
+        self._junk = 0
+        self._reason: Reason = "unknown"
+        self._found: Found = []
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def push(self, data: bytes, t_rx_ns: int) -> None:
+        """Append one chunk with its receive stamp."""
+        if data:
+            self._data += data
+            self._chunks.append((self._start + len(self._data), t_rx_ns))
+
+    def ahead(self) -> bytes:
+        """Give the bytes not judged yet: those behind the run of junk."""
+        return bytes(self._data[self._junk :])
+
+    def arrival(self, offset: int = 0) -> tuple[int, int]:
+        """``t_rx_ns`` and ``line_bytes`` of the byte at `offset` of `ahead`."""
+        at = self._start + self._junk + offset
+        end, t_rx_ns = next(chunk for chunk in self._chunks if chunk[0] > at)
+        return t_rx_ns, end - at
+
+    def accept(self, length: int, record: Record | Rejected) -> None:
+        """The next `length` bytes are `record`."""
+        self.flush()
+        self._drop(length)
+        self._found.append(record)
+
+    def begin(self, length: int, reason: Reason) -> None:
+        """The next `length` bytes are junk of a run of their own."""
+        self.flush()
+        self._reason = reason
+        self.extend(length)
+
+    def extend(self, length: int) -> None:
+        """The next `length` bytes are junk and join the run; alone their reason is unknown."""
+        while length:
+            step = min(length, JUNK_MAX - self._junk)
+            self._junk += step
+            length -= step
+            if self._junk == JUNK_MAX:
+                self.flush()
+
+    def flush(self) -> None:
+        """End the run of junk."""
+        if not self._junk:
+            return
+        length, self._junk = self._junk, 0
+        t_rx_ns, line_bytes = self.arrival()
+        self._found.append(
+            Rejected(
+                t_rx_ns=t_rx_ns,
+                line_bytes=line_bytes,
+                reason=self._reason,
+                data=bytes(self._data[:length]),
+            )
+        )
+        self._reason = "unknown"
+        self._drop(length)
+
+    def take(self) -> Found:
+        """Hand over what was found since the last call, in the order of its bytes."""
+        found, self._found = self._found, []
+        return found
+
+    def _drop(self, length: int) -> None:
+        del self._data[:length]
+        self._start += length
+        while self._chunks and self._chunks[0][0] <= self._start:
+            self._chunks.popleft()
+
+
+class SyncDecoder:
+    """Frames that begin with a sync word and tell their length early.
+
+    Parameters
+    ----------
+    prefix
+        The bytes every frame of the format begins with.
+    measure
+        ``(data, at) -> length`` of the frame whose prefix stands at `at`; 0 if that is no frame,
+        None if more bytes must come before it can be told.
+    decode
+        ``(frame, t_rx_ns, line_bytes)`` -> the record (or why a frame that holds is rejected);
+        None if its check failed.
+    """
+
+    def __init__(
+        self,
+        prefix: bytes,
+        measure: Callable[[bytes, int], int | None],
+        decode: Callable[[bytes, int, int], Record | Rejected | None],
+    ) -> None:
+        self._prefix = prefix
+        self._measure = measure
+        self._decode = decode
+        self._buffer = FrameBuffer()
+
+    def feed(self, data: bytes, t_rx_ns: int) -> Iterable[Record | Rejected]:
+        """Take one chunk; give the records it completes."""
+        # The usual datagram is one whole frame: no copy, no bookkeeping.
+        if not self._buffer and self._measure(data, 0) == len(data):
+            record = self._decode(data, t_rx_ns, len(data))
+            if record is not None:
+                return (record,)
+        self._buffer.push(data, t_rx_ns)
+        return self._drain(final=False)
+
+    def close(self) -> Iterable[Record | Rejected]:
+        """End of the stream: look through what waits and reject the rest."""
+        found = self._drain(final=True)
+        self._buffer.flush()
+        return found + self._buffer.take()
+
+    def _drain(self, *, final: bool) -> Found:
+        data, at = self._buffer.ahead(), 0
+        while at < len(data):
+            step = self._step(data, at, final=final)
+            if not step:
+                break
+            at += step
+        return self._buffer.take()
+
+    def _step(self, data: bytes, at: int, *, final: bool) -> int:
+        """Judge the bytes at `at`; give how many, 0 if more must come first."""
+        start = self._candidate(data, at)
+        if start > at:
+            self._buffer.extend(start - at)
+            return start - at
+        length = self._measure(data, at)
+        if length is None or at + length > len(data):
+            if not final:
+                return 0
+            self._buffer.begin(1, "length")
+            return 1
+        if not length:
+            self._buffer.extend(1)
+            return 1
+        record = self._decode(data[at : at + length], *self._buffer.arrival())
+        if record is None:
+            self._buffer.begin(1, "checksum")
+            return 1
+        self._buffer.accept(length, record)
+        return length
+
+    def _candidate(self, data: bytes, at: int) -> int:
+        """Where the next prefix stands, or where the data may end in the first bytes of one."""
+        start = data.find(self._prefix, at)
+        if start >= 0:
+            return start
+        for tail in range(min(len(self._prefix) - 1, len(data) - at), 0, -1):
+            if data.endswith(self._prefix[:tail]):
+                return len(data) - tail
+        return len(data)
+
+
+class LineDecoder:
+    """Lines of printable ASCII that end in CR LF or LF.
+
+    Parameters
+    ----------
+    decode
+        ``(text, t_rx_ns, line_bytes)`` -> the record of a line, or the reason why it is none.
+    restarts
+        Where in a bad line (without its end) a good one may begin, because junk or a damaged line
+        end stands before it.
+    longest
+        Bytes of the longest line with its end; what is longer is rejected as it comes.
+    shortest
+        Characters below which a last line without its end is taken for a truncated one.
+    """
+
+    def __init__(
+        self,
+        decode: Callable[[str, int, int], Record | Reason],
+        restarts: Callable[[bytes], Iterable[int]],
+        *,
+        longest: int = JUNK_MAX,
+        shortest: int = 0,
+    ) -> None:
+        self._decode = decode
+        self._restarts = restarts
+        self._longest = min(longest, JUNK_MAX)
+        self._shortest = shortest
+        self._torn = False
+        self._buffer = FrameBuffer()
+
+    def feed(self, data: bytes, t_rx_ns: int) -> Iterable[Record | Rejected]:
+        """Take one chunk; give the records it completes."""
+        self._buffer.push(data, t_rx_ns)
+        *lines, rest = self._buffer.ahead().split(b"\n")
+        for line in lines:
+            self._judge(self._shorten(line + b"\n"))
+        self._shorten(rest)
+        return self._buffer.take()
+
+    def close(self) -> Iterable[Record | Rejected]:
+        """End of the stream: a last line without its end counts if it is whole."""
+        rest = self._buffer.ahead()
+        if len(rest) >= self._shortest:
+            self._judge(rest)
+        else:
+            self._reject(len(rest), "length")
+        self._torn = False
+        return self._buffer.take()
+
+    def _shorten(self, line: bytes) -> bytes:
+        """Reject the front of a line that is too long; give what may still hold a good one."""
+        excess = len(line) - self._longest
+        if excess <= 0:
+            return line
+        if self._torn:
+            self._buffer.extend(excess)
+        else:
+            self._buffer.begin(excess, "length")
+        self._torn = True
+        return line[excess:]
+
+    def _judge(self, line: bytes) -> None:
+        """Turn one whole line into a record and into rejected bytes before it."""
+        content = line.rstrip(b"\r\n")
+        reason: Reason | None = "length" if self._torn else None
+        for start in (*(() if self._torn else (0,)), *self._restarts(content)):
+            result = self._read(content[start:], start)
+            if not isinstance(result, str):
+                self._reject(start, reason or "unknown")
+                self._buffer.accept(len(line) - start, result)
+                break
+            reason = reason or result
+        else:
+            self._reject(len(line), reason or "unknown")
+        self._torn = False
+
+    def _read(self, content: bytes, start: int) -> Record | Reason:
+        text = content.decode("latin-1").replace("\t", " ")
+        if not (text.isascii() and text.isprintable()):
+            return "syntax"
+        return self._decode(text, *self._buffer.arrival(start))
+
+    def _reject(self, length: int, reason: Reason) -> None:
+        if length and self._torn:
+            self._buffer.extend(length)
+        elif length:
+            self._buffer.begin(length, reason)
+        self._buffer.flush()
