@@ -11,7 +11,7 @@ from msgspec import UNSET, inspect
 
 from gateway.yamlfile import read_yaml, reads_as_number
 
-__all__ = ["build", "draft", "known", "read_yaml", "shown", "suggest"]
+__all__ = ["build", "draft", "known", "phrase", "read_yaml", "shown", "suggest"]
 
 T = TypeVar("T")
 
@@ -107,7 +107,7 @@ class _Builder:
         return UNSET
 
     def _expected(self, kind: inspect.Type, data: Any, path: str) -> Any:
-        return self._fault(path, f"expected {_phrase(kind)}, got {shown(data)}{_hint(kind, data)}")
+        return self._fault(path, f"expected {phrase(kind)}, got {shown(data)}{_hint(kind, data)}")
 
     def _described(self, kind: inspect.Metadata, data: Any, path: str) -> Any:
         trial = _Builder([])
@@ -182,13 +182,13 @@ class _Builder:
             return self._expected(kind, data, path)
         if isinstance(kind, inspect.TupleType):
             if len(data) != len(kind.item_types):
-                return self._fault(path, f"expected {_phrase(kind)}, got {len(data)}")
+                return self._fault(path, f"expected {phrase(kind)}, got {len(data)}")
             kinds = kind.item_types
         else:
             kinds = (kind.item_type,) * len(data)
             least, most = kind.min_length or 0, kind.max_length
             if len(data) < least or (most is not None and len(data) > most):
-                return self._fault(path, f"expected {_phrase(kind)}, got {len(data)}")
+                return self._fault(path, f"expected {phrase(kind)}, got {len(data)}")
         items = [
             self.value(item_kind, item, f"{path}[{n}]")
             for n, (item_kind, item) in enumerate(zip(kinds, data, strict=True))
@@ -263,11 +263,11 @@ def _within(kind: inspect.IntType | inspect.FloatType, value: float) -> bool:
     )
 
 
-def _phrase(kind: inspect.Type) -> str:
-    """What a value of this type is called in a message."""
+def phrase(kind: inspect.Type) -> str:
+    """What a value of this type is called in a message: ``a number > 0``, ``one of a, b``."""
     match kind:
         case inspect.Metadata():
-            return str((kind.extra_json_schema or {}).get("description", _phrase(kind.type)))
+            return str((kind.extra_json_schema or {}).get("description", phrase(kind.type)))
         case inspect.BoolType():
             return "true or false"
         case inspect.IntType():
@@ -286,7 +286,7 @@ def _phrase(kind: inspect.Type) -> str:
         case inspect.VarTupleType() | inspect.ListType():
             return "a list" + (f" of at least {kind.min_length}" if kind.min_length else "")
         case inspect.UnionType():
-            return " or ".join(dict.fromkeys(_phrase(member) for member in kind.types))
+            return " or ".join(dict.fromkeys(phrase(member) for member in kind.types))
         case inspect.NoneType():
             return "nothing"
         case _:

@@ -47,6 +47,14 @@ def read_yaml(path: Path) -> Any:
     return data
 
 
+def read_value(text: str) -> Any:
+    """What a text would be as a value in a file; the text itself where it is no YAML."""
+    try:
+        return _Loader(text).get_single_data()
+    except (yaml.YAMLError, RecursionError):
+        return text
+
+
 def reads_as_number(text: str) -> bool:
     """Whether the text, unquoted in a file, would be a number."""
     return _INTEGER.fullmatch(text) is not None or _DECIMAL.fullmatch(text) is not None

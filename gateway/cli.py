@@ -1,0 +1,241 @@
+"""The command line: arguments, exit codes, and one line for whatever goes wrong."""
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from gateway.errors import ConfigError, UsblnavError
+
+INTERRUPTED = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv
+        Arguments without the program's name; those of the process when None.
+
+    Returns
+    -------
+    Exit code: 0 done, 1 failed while running, 2 unusable arguments or configuration, 130
+    interrupted.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        # Each command is a module, imported on use: `check` and `--help` need no numpy.
+        code: int = import_module(f"gateway.commands.{arguments.command}").run(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        _abandon_stdout()  # whoever read us has seen enough
+        return 0
+    except ConfigError as error:
+        prefix = error.file or "usblnav"
+        _complain("\n".join(f"{prefix}: {fault}" for fault in error.faults))
+        return error.exit_code
+    except UsblnavError as error:
+        _complain(f"usblnav: {error}")
+        return error.exit_code
+    except OSError as error:
+        _abandon_stdout()
+        place = f"{error.filename}: " if error.filename else ""
+        _complain(f"usblnav: {place}{(error.strerror or str(error)).lower()}")
+        return 1
+    return code
+
+
+def _complain(text: str) -> None:
+    with suppress(OSError):
+        sys.stderr.write(text + "\n")
+        sys.stderr.flush()
+
+
+def _abandon_stdout() -> None:
+    """Let the interpreter's last flush go nowhere, else it complains by itself."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="usblnav",
+        description="Inertial and USBL acoustic navigation in real time.",
+        epilog="Exit codes: 0 done, 1 failed while running, 2 unusable arguments or configuration.",
+    )
+    parser.add_argument("--version", action="version", version=f"usblnav {version('usblnav')}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    _add_run(commands)
+    _add_demo(commands)
+    _add_replay(commands)
+    _add_emulate(commands)
+    _add_check(commands)
+    _add_codecs(commands)
+    _add_decode(commands)
+    return parser
+
+
+def _command(commands: Any, name: str, summary: str, more: str = "") -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}. {more}".strip()
+    )
+    return parser
+
+
+def _add_run(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "run",
+        "navigate: read the devices, filter, publish, until SIGTERM or SIGINT",
+    )
+    _add_config(parser)
+    parser.add_argument(
+        "--nmea",
+        choices=["-"],
+        help="also write NMEA 0183 to standard output, to pipe it to anything",
+    )
+
+
+def _add_demo(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "demo",
+        "navigate in the emulator: no hardware, no configuration",
+        "Shows the live solution and ends with its error against the emulator's truth.",
+    )
+    parser.add_argument(
+        "--duration",
+        type=_positive,
+        default=60.0,
+        metavar="S",
+        help="seconds to run (default: 60)",
+    )
+    parser.add_argument(
+        "--filter",
+        default="right_invariant",
+        metavar="NAME",
+        help="error definition of the filter (default: right_invariant)",
+    )
+
+
+def _add_replay(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "replay",
+        "run captured traffic through the same pipeline, as fast as the machine can",
+        "Writes nav.csv, innovations.csv, calibration.csv and summary.json. "
+        "The same input gives the same output.",
+    )
+    parser.add_argument(
+        "captures",
+        nargs="+",
+        type=Path,
+        metavar="CAPTURE",
+        help="pcap or pcapng, each also gzipped; in the order given",
+    )
+    _add_config(parser)
+    parser.add_argument(
+        "-o", "--out", required=True, type=Path, metavar="OUT", help="folder for the results"
+    )
+    parser.add_argument(
+        "--rate",
+        type=_positive,
+        default=10.0,
+        metavar="HZ",
+        help="solutions a second in nav.csv (default: 10)",
+    )
+    parser.add_argument(
+        "--from",
+        dest="origin",
+        choices=["auto", "pcap", "pcapng"],
+        default="auto",
+        help="what the captures are (default: auto, by their first bytes)",
+    )
+    _add_json(parser, "the summary")
+
+
+def _add_emulate(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "emulate",
+        "play a scenario as real frames on ptys, serial ports, UDP or into a pcap",
+    )
+    parser.add_argument(
+        "-c",
+        "--config",
+        type=Path,
+        metavar="SCENARIO.yaml",
+        help="scenario (default: the packaged demo)",
+    )
+    parser.add_argument(
+        "--pcap", type=Path, metavar="FILE", help="write a capture instead of playing in real time"
+    )
+    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true motion")
+    parser.add_argument(
+        "--speed", type=_positive, default=1.0, metavar="X", help="times real time (default: 1)"
+    )
+
+
+def _add_check(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "check",
+        "name every fault of a configuration file; opens no device",
+    )
+    parser.add_argument("config", type=Path, metavar="CONFIG.yaml")
+    _add_json(parser, "the faults")
+
+
+def _add_codecs(commands: Any) -> None:
+    parser = _command(commands, "codecs", "list the wire formats with their options")
+    _add_json(parser, "the list")
+
+
+def _add_decode(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "decode",
+        "raw bytes to JSON lines, for looking at a cable before trusting it",
+        "One object a record, what could not be decoded included; the totals go to standard error. "
+        "t_rx_ns is the host's monotonic time for a pipe or device, and 0 for a file.",
+    )
+    parser.add_argument("--codec", required=True, metavar="NAME", help="see `usblnav codecs`")
+    parser.add_argument(
+        "-o",
+        "--option",
+        dest="options",
+        action="append",
+        default=[],
+        metavar="key=value",
+        help="an option of the codec; may be repeated",
+    )
+    parser.add_argument(
+        "--hex", action="store_true", help="the input is hexadecimal text; white space is ignored"
+    )
+    parser.add_argument("file", metavar="FILE", help="file or device to read; - for standard input")
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-c", "--config", required=True, type=Path, metavar="CONFIG.yaml", help="configuration file"
+    )
+
+
+def _add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--json", action="store_true", help=f"print {what} as JSON")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (value > 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"expected a number > 0, got {text}")
+    return value

@@ -1,0 +1,56 @@
+"""`usblnav check`: every fault of a configuration file, or what it sets up."""
+
+import json
+from argparse import Namespace
+from collections.abc import Iterator
+
+from drivers.settings import OutputLink, SerialLink, StdioLink, TcpLink, UdpLink
+from gateway.config import Config, NmeaOutput, load
+from gateway.errors import ConfigError
+
+
+def run(arguments: Namespace) -> int:
+    """Check the file; faults go to standard error, or to standard output as JSON."""
+    try:
+        config = load(arguments.config)
+    except ConfigError as error:
+        if not arguments.json:
+            raise
+        _print_json(arguments.config, error.faults)
+        return error.exit_code
+    if arguments.json:
+        _print_json(arguments.config, [])
+    else:
+        print(f"{arguments.config}: no faults")
+        for line in _overview(config):
+            print(f"  {line}")
+    return 0
+
+
+def _print_json(file: object, faults: list[str]) -> None:
+    print(json.dumps({"file": str(file), "ok": not faults, "faults": faults}, indent=2))
+
+
+def _overview(config: Config) -> Iterator[str]:
+    for name, device in config.devices.items():
+        yield f"{name}: {device.codec} on {_place(device.link, incoming=True)}"
+    if config.beacons:
+        yield f"beacons: {', '.join(config.beacons)}"
+    for output in config.outputs:
+        if isinstance(output, NmeaOutput):
+            where = _place(output.link, incoming=False)
+            yield f"output: NMEA 0183 to {where}, {output.rate_hz:g} Hz"
+        else:
+            yield f"output: Zenoh usblnav/{config.vehicle}/, {output.rate_hz:g} Hz"
+
+
+def _place(link: OutputLink, *, incoming: bool) -> str:
+    match link:
+        case SerialLink():
+            return f"{link.port} at {link.baud} baud"
+        case UdpLink():
+            return f"UDP {link.group or link.bind if incoming else link.host}:{link.port}"
+        case TcpLink():
+            return f"TCP {link.host if incoming else link.bind}:{link.port}"
+        case StdioLink():
+            return "standard output"

@@ -1,0 +1,64 @@
+"""`usblnav codecs`: the wire formats, their devices and options."""
+
+import json
+import textwrap
+from argparse import Namespace
+from typing import Any
+
+from msgspec import NODEFAULT, inspect
+
+from drivers import registry
+from drivers.codec import Codec
+from gateway.errors import UsblnavError
+from gateway.schema import phrase, shown
+
+
+def run(arguments: Namespace) -> int:
+    """Print every codec, built in or installed beside the program."""
+    codecs, broken = [], []
+    for name in registry.names():
+        try:
+            codecs.append(registry.lookup(name))
+        except registry.CodecImportError as error:
+            broken.append(str(error))
+    if arguments.json:
+        print(json.dumps([_entry(codec) for codec in codecs], indent=2))
+    else:
+        for codec in codecs:
+            _print_entry(codec)
+    if broken:
+        raise UsblnavError("; ".join(broken))
+    return 0
+
+
+def _print_entry(codec: Codec) -> None:
+    print(f"{codec.name}  ({codec.kind})")
+    print(textwrap.fill(codec.devices, 96, initial_indent="    ", subsequent_indent="    "))
+    for field in _fields(codec):
+        print(f"    -o {field.encode_name}=  {phrase(field.type)}; {_default(field)}")
+
+
+def _entry(codec: Codec) -> dict[str, Any]:
+    options = {
+        field.encode_name: {
+            "expects": phrase(field.type),
+            "required": field.required,
+            **({} if field.required or field.default is NODEFAULT else {"default": field.default}),
+        }
+        for field in _fields(codec)
+    }
+    return {"name": codec.name, "kind": codec.kind, "devices": codec.devices, "options": options}
+
+
+def _fields(codec: Codec) -> tuple[inspect.Field, ...]:
+    kind = inspect.type_info(codec.options)
+    return kind.fields if isinstance(kind, inspect.StructType) else ()
+
+
+def _default(field: inspect.Field) -> str:
+    if field.required:
+        return "required"
+    default = field.default if field.default is not NODEFAULT else field.default_factory()
+    if isinstance(default, str):
+        return f"default {default}"
+    return f"default {shown(default)}"
