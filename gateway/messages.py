@@ -17,7 +17,7 @@ class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
 
     ``t_ns`` (n,) int64 little-endian: end of each sample's interval, strictly increasing.
     ``rows`` (n, 8) float64: interval dt (s), angle increment (rad) x 3, velocity increment (m/s) x 3,
-    and the variance factor of the sample (1 for a healthy one, more where a gap was bridged).
+    and the part of dt for which no data came and the sample stands in (s; 0 for a healthy one).
     """
 
     t_ns: bytes
@@ -112,6 +112,7 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
     fixes_gated: int
     fixes_late: int
     fixes_too_late: int
+    fixes_duplicate: int
     resets: int
 
 

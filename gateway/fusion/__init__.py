@@ -1,0 +1,1 @@
+"""Error states, measurement models and the Kalman update: estimation without I/O or clocks."""

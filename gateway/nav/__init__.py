@@ -1,0 +1,1 @@
+"""The Earth, rotations and the strapdown: mathematics without I/O or clocks."""

@@ -1,0 +1,143 @@
+"""The core of the filter process: measurements in, solutions and verdicts out. Pure and deterministic.
+
+What comes out depends on the measurements and their order only, never on how they were batched, so
+a replay gives what the live run gave.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.config import Config
+from gateway.fusion import initial
+from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.report import calibration, solution
+from gateway.fusion.state import State
+from gateway.messages import (
+    FilterCounts,
+    FilterOutput,
+    ImuBlock,
+    Innovation,
+    Measurement,
+    NavSolution,
+    UsblFix,
+)
+from gateway.modes import Mode
+from gateway.timeline import Timeline
+
+CALIBRATION_PERIOD_NS = 1_000_000_000
+
+
+class Estimator:
+    """Timeline and filter of one vehicle.
+
+    Parameters
+    ----------
+    config
+        A validated configuration.
+    rate_hz
+        Solutions a second: one at the first sample of each period.
+    """
+
+    def __init__(self, config: Config, rate_hz: float) -> None:
+        self._config = config
+        self._period_ns = round(1e9 / rate_hz)
+        self._max_fix_age_ns = int(config.filter.max_fix_age_s * 1e9)
+        self._samples = 0
+        self._resets = 0
+        self._t_last_ns = 0
+        self._second = 0
+        self._sound = initial.initial_state(config)
+        self._start()
+
+    def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
+        """Take one measurement in the order of arrival; give what follows from it."""
+        if isinstance(measurement, ImuBlock):
+            yield from self._feed_samples(measurement)
+        else:
+            yield from self._feed_fix(measurement)
+
+    def counts(self) -> FilterCounts:
+        """Running totals."""
+        memory, order = self._filter.memory, self._timeline.counts
+        return FilterCounts(
+            t_ns=self._t_last_ns,
+            imu_samples=self._samples,
+            fixes_used=memory.used,
+            fixes_gated=memory.gated,
+            fixes_late=order.late,
+            fixes_too_late=order.too_late,
+            fixes_duplicate=order.duplicate,
+            resets=self._resets,
+        )
+
+    def _start(self) -> None:
+        """Begin, or begin again, at the last sound state with the configured uncertainty."""
+        state = State.at(
+            self._sound.C_eb,
+            self._sound.v_eb_e,
+            self._sound.r_e,
+            initial.initial_state(self._config).P,
+        )
+        self._filter = Filter(initial.model(self._config), Memory(state))
+        self._timeline: Timeline[Innovation] = Timeline(
+            self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s
+        )
+
+    def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
+        """Run over a block, pausing at every sample after which a solution is due."""
+        t_ns = np.frombuffer(block.t_ns, dtype=np.int64)
+        rows = np.frombuffer(block.rows, dtype=np.float64).reshape(-1, 8)
+        self._samples += len(t_ns)
+        begin = 0
+        for end in self._due(t_ns):
+            yield from self._timeline.extend(t_ns[begin:end], rows[begin:end])
+            yield from self._report(int(t_ns[end - 1]))
+            begin = end
+        yield from self._timeline.extend(t_ns[begin:], rows[begin:])
+        self._t_last_ns = int(t_ns[-1])
+
+    def _feed_fix(self, fix: UsblFix) -> Iterator[Innovation]:
+        """Give a fix its place in time."""
+        key = f"{fix.device}/{fix.beacon}/{fix.elevation}/{fix.bearing}/{fix.slant_range}"
+        verdicts = self._timeline.insert(fix, fix.t_ns, key)
+        if verdicts is None:
+            nan = float("nan")
+            yield Innovation(fix.t_ns, fix.device, fix.beacon, (), nan, False, "late_or_duplicate")
+        else:
+            yield from verdicts
+
+    def _due(self, t_ns: NDArray[np.int64]) -> list[int]:
+        """Counts of samples of the block after which a period begins."""
+        ticks = np.concatenate([[self._t_last_ns], t_ns]) // self._period_ns
+        return [int(i) + 1 for i in np.flatnonzero(np.diff(ticks) > 0)]
+
+    def _report(self, t_ns: int) -> Iterator[FilterOutput]:
+        """Solution at the newest sample, and once a second the constants and totals."""
+        memory = self._filter.memory
+        if not memory.state.is_sound():
+            self._resets += 1
+            yield self._solution(self._sound, t_ns, Mode.FAULT, None)
+            self._start()
+            return
+        age_ns = None if memory.t_used_ns is None else t_ns - memory.t_used_ns
+        yield self._solution(memory.state, t_ns, self._mode(age_ns), age_ns)
+        second = t_ns // CALIBRATION_PERIOD_NS
+        if second != self._second:
+            self._second = second
+            self._sound = memory.state.copy()
+            yield calibration(memory.state, t_ns)
+            yield self.counts()
+
+    def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
+        """The solution with the filter's totals."""
+        memory = self._filter.memory
+        age_s = None if age_ns is None else age_ns * 1e-9
+        return solution(state, t_ns, mode, age_s, memory.used, memory.gated)
+
+    def _mode(self, age_ns: int | None) -> Mode:
+        """What may be claimed with the last used fix that old."""
+        if age_ns is None:
+            return Mode.ALIGNING
+        return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING

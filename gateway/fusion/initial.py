@@ -1,0 +1,116 @@
+"""The first state: pose, covariance and noise densities from the words of the configuration."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.config import Config, ImuNoise
+from gateway.fusion.errors import FAMILY
+from gateway.fusion.filter import AcousticArray, Model, Transponder
+from gateway.fusion.state import ATT, BA, BG, DALPHA, DBETA, DKD, N_STATES, POS, THETA, VEL, State
+from gateway.fusion.usbl import ArrayGeometry
+from gateway.nav.attitude import C_from_euler
+from gateway.nav.earth import C_en, lla_to_ecef
+
+Array = NDArray[np.float64]
+
+G0 = 9.80665
+"""Standard gravity (m/s^2), the unit behind g and ug."""
+DEG_H = np.radians(1.0) / 3600.0
+UG = 1e-6 * G0
+
+
+def euler_rates_map(roll: float, pitch: float, heading: float) -> Array:
+    """(3, 3) M with ``phi_n = M [d_roll, d_pitch, d_heading]``, the attitude error in NED axes."""
+    C_heading = C_from_euler(0.0, 0.0, heading)
+    C_level = C_from_euler(0.0, pitch, heading)
+    return np.column_stack([C_level[:, 0], C_heading[:, 1], np.array([0.0, 0.0, 1.0])])
+
+
+def noise_densities(noise: ImuNoise) -> Array:
+    """(4,) of angle and velocity random walk and of the bias walks, SI.  # (M.17), (M.18)
+
+    A bias with a correlation time tau walks with density 2 sigma^2 / tau, a constant one not at all.
+    """
+    gyro = noise.gyro_bias_deg_h * DEG_H
+    accel = noise.accel_bias_ug * UG
+    tau_g, tau_a = noise.gyro_bias_correlation_s, noise.accel_bias_correlation_s
+    return np.array(
+        [
+            (np.radians(noise.angle_random_walk_deg_sqrt_h) / 60.0) ** 2,
+            (noise.velocity_random_walk_ug_sqrt_hz * UG) ** 2,
+            2.0 * gyro**2 / tau_g if tau_g else 0.0,
+            2.0 * accel**2 / tau_a if tau_a else 0.0,
+        ]
+    )
+
+
+def initial_state(config: Config) -> State:
+    """State and covariance at the first sample.  # (M.19)"""
+    first, sigma = config.initial, config.initial.sigma
+    lat, lon = np.radians(first.lat_deg), np.radians(first.lon_deg)
+    roll, pitch, heading = np.radians(first.attitude_deg)
+    C = C_en(lat, lon)
+    M = C @ euler_rates_map(roll, pitch, heading)
+    P = np.zeros((N_STATES, N_STATES))
+    P[ATT, ATT] = M @ np.diag(np.radians(sigma.attitude_deg) ** 2) @ M.T
+    P[VEL, VEL] = np.eye(3) * sigma.velocity_m_s**2
+    P[POS, POS] = C @ np.diag(np.square(sigma.position_m)) @ C.T
+    noise = config.imu[1].noise
+    _set(P, BG, noise.gyro_bias_deg_h * DEG_H)
+    _set(P, BA, noise.accel_bias_ug * UG)
+    for device in config.usbl.values():
+        prior = device.prior
+        _set(P, THETA, np.radians(prior.mounting_deg))
+        _set(P, DALPHA, np.radians(prior.elevation_deg))
+        _set(P, DBETA, np.radians(prior.bearing_deg))
+        _set(P, DKD, prior.range_scale)
+    return State.at(
+        C @ C_from_euler(roll, pitch, heading),
+        C @ np.asarray(first.velocity_ned_m_s),
+        lla_to_ecef(lat, lon, first.height_m),
+        P,
+    )
+
+
+def model(config: Config) -> Model:
+    """Everything the filter takes as known."""
+    return Model(
+        error=FAMILY[config.filter.error],
+        q=noise_densities(config.imu[1].noise),
+        gate=config.filter.innovation_gate,
+        sound_speed=config.sound_speed_m_s,
+        arrays={
+            name: AcousticArray(
+                ArrayGeometry(np.asarray(d.lever_arm_m), mounting(d.mounting_deg)),
+                np.array(
+                    [
+                        np.radians(d.noise.elevation_deg),
+                        np.radians(d.noise.bearing_deg),
+                        d.noise.range_m,
+                    ]
+                ),
+            )
+            for name, d in config.usbl.items()
+        },
+        beacons={
+            name: Transponder(
+                lla_to_ecef(np.radians(b.lat_deg), np.radians(b.lon_deg), b.height_m),
+                b.turnaround_ms * 1e-3,
+                b.travel == "two_way",
+            )
+            for name, b in config.beacons.items()
+        },
+    )
+
+
+def mounting(angles_deg: Sequence[float]) -> Array:
+    """(3, 3) C_bs of roll, pitch, heading of a sensor's axes in the body (degrees)."""
+    return C_from_euler(*np.radians(angles_deg))
+
+
+def _set(P: Array, where: slice | int, sigma: float) -> None:
+    """Set variances of independent states."""
+    i = np.arange(N_STATES)[where]
+    P[i, i] = sigma**2

@@ -1,0 +1,76 @@
+"""What the state says in the words of its users: geodetic solution and estimated constants."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.fusion.initial import DEG_H, UG, euler_rates_map
+from gateway.fusion.state import ATT, BG, POS, VEL, State
+from gateway.messages import Calibration, Constant, NavSolution, Vec3
+from gateway.modes import Mode
+from gateway.nav.attitude import euler_from_C
+from gateway.nav.earth import C_en, ecef_to_lla
+
+Array = NDArray[np.float64]
+
+_DEG = math.radians(1.0)
+_CONSTANTS: tuple[tuple[str, float], ...] = (
+    *((f"gyro_bias_{axis}_deg_h", DEG_H) for axis in "xyz"),
+    *((f"accel_bias_{axis}_ug", UG) for axis in "xyz"),
+    *((f"mounting_{axis}_deg", _DEG) for axis in "xyz"),
+    ("elevation_offset_deg", _DEG),
+    ("bearing_offset_deg", _DEG),
+    ("range_scale", 1.0),
+)
+
+
+def solution(
+    state: State, t_ns: int, mode: Mode, fix_age_s: float | None, used: int, rejected: int
+) -> NavSolution:
+    """The navigation solution with its 1-sigma errors in NED and Euler angles.  # (M.50)"""
+    lat, lon, h = (float(v) for v in ecef_to_lla(state.r_e))
+    C = C_en(lat, lon)
+    roll, pitch, heading = (float(v) for v in euler_from_C(C.T @ state.C_eb))
+    P_pos = C.T @ state.P[POS, POS] @ C
+    P_vel = C.T @ state.P[VEL, VEL] @ C
+    to_euler = np.linalg.inv(euler_rates_map(roll, pitch, heading)) @ C.T
+    P_att = to_euler @ state.P[ATT, ATT] @ to_euler.T
+    return NavSolution(
+        t_ns=t_ns,
+        mode=mode,
+        lat=lat,
+        lon=lon,
+        h=h,
+        v_eb_n=_vec3(C.T @ state.v_eb_e),
+        roll=roll,
+        pitch=pitch,
+        heading=heading % (2.0 * math.pi),
+        sd_position=_sigmas(P_pos),
+        sd_velocity=_sigmas(P_vel),
+        sd_attitude=_sigmas(P_att),
+        cov_ne=float(P_pos[0, 1]),
+        fix_age_s=fix_age_s,
+        fixes_used=used,
+        fixes_rejected=rejected,
+    )
+
+
+def calibration(state: State, t_ns: int) -> Calibration:
+    """Estimated constants with sigma, in the units of their names."""
+    sigma = np.sqrt(np.maximum(state.P.diagonal()[BG.start :], 0.0))
+    return Calibration(
+        t_ns,
+        tuple(
+            Constant(name, float(value / unit), float(sd / unit))
+            for (name, unit), value, sd in zip(_CONSTANTS, state.constants, sigma, strict=True)
+        ),
+    )
+
+
+def _vec3(a: Array) -> Vec3:
+    return float(a[0]), float(a[1]), float(a[2])
+
+
+def _sigmas(P: Array) -> Vec3:
+    return _vec3(np.sqrt(np.maximum(P.diagonal(), 0.0)))
