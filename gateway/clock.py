@@ -7,6 +7,7 @@ edge below its middle gives offset and drift.
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 STRETCH_S = 0.25
 WINDOW = 240
@@ -31,8 +32,8 @@ class Unwrapper:
     def extend(self, value: int, expected_step: float) -> int:
         """Next count, the one congruent to `value` that is nearest to the expected step.
 
-        A counter that begins again (power cycle) so lands within half a modulus of where the elapsed
-        time says it should be, and never behind the last one.
+        A counter that begins again (power cycle) so lands within half a modulus of where the
+        elapsed time says it should be, and never behind the last one.
         """
         if self._last is None:
             self._last = value
@@ -105,7 +106,7 @@ def lower_edge(points: list[tuple[float, float]]) -> tuple[float, float]:
             hull.pop()
         hull.append(p)
     middle = sum(x for x, _ in points) / len(points)
-    for (x0, y0), (x1, y1) in zip(hull, hull[1:], strict=False):
+    for (x0, y0), (x1, y1) in pairwise(hull):
         if x1 >= middle:
             slope = (y1 - y0) / (x1 - x0)
             return y0 - slope * x0, slope

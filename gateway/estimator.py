@@ -1,4 +1,4 @@
-"""The core of the filter process: measurements in, solutions and verdicts out. Pure and deterministic.
+"""The core of the filter process: measurements in, solutions and verdicts out; deterministic.
 
 What comes out depends on the measurements and their order only, never on how they were batched, so
 a replay gives what the live run gave.

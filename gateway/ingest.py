@@ -99,7 +99,7 @@ class ImuIngest(_Device):
         self._rows: list[tuple[float, ...]] = []
 
     def take(self, record: Record | Rejected) -> None:
-        """Take the next record; a sample the device marks invalid is left out like a missing one."""
+        """Take the next record; a sample marked invalid is left out like a missing one."""
         if not self._count(record):
             return
         if not isinstance(record, ImuRecord):
@@ -156,7 +156,7 @@ class ImuIngest(_Device):
         return last_s + self._period_s * max(1, round(elapsed_s / self._period_s))
 
     def _add(self, record: ImuRecord, t_ns: int, dt_s: float, samples: int) -> None:
-        """Add the increments over `dt_s`; missing samples are taken to be like the one that came."""
+        """Add the increments over `dt_s`, missing samples taken to be like the one that came."""
         if record.delta_angle_rad is not UNSET:
             k = float(samples)
             a = record.delta_angle_rad
@@ -185,7 +185,7 @@ class UsblIngest(_Device):
         self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
-        """Take the next record; one that is invalid or no sighting from the array is counted only."""
+        """Take the next record; one that is invalid or no sighting from the array only counts."""
         if not self._count(record):
             return
         if not isinstance(record, UsblRecord):

@@ -1,8 +1,8 @@
 """What passes between ingest, the filter process and the outputs. Radians and SI units inside.
 
 Times ``t_ns`` are host monotonic nanoseconds of *validity*; wall time appears only at outputs.
-Vectors are tuples (messages cross a process boundary as msgpack), blocks of IMU samples are bytes of
-float64 rows, see `ImuBlock`.
+Vectors are tuples (messages cross a process boundary as msgpack), blocks of IMU samples are bytes
+of float64 rows, see `ImuBlock`.
 """
 
 import msgspec
@@ -16,8 +16,8 @@ class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
     """Consecutive samples of the IMU in body axes (FRD), oldest first.
 
     ``t_ns`` (n,) int64 little-endian: end of each sample's interval, strictly increasing.
-    ``rows`` (n, 8) float64: interval dt (s), angle increment (rad) x 3, velocity increment (m/s) x 3,
-    and the part of dt for which no data came and the sample stands in (s; 0 for a healthy one).
+    ``rows`` (n, 8) float64: interval dt (s), angle increment (rad) x 3, velocity increment
+    (m/s) x 3, and the part of dt for which no data came and the sample stands in (s; mostly 0).
     """
 
     t_ns: bytes
@@ -69,7 +69,7 @@ class NavSolution(msgspec.Struct, frozen=True, array_like=True, tag="nav"):
 
 
 class Component(msgspec.Struct, frozen=True, array_like=True):
-    """One row of an innovation: ``value`` = measured - predicted, ``sigma`` = sqrt of its S entry."""
+    """One row of an innovation: ``value`` = measured - predicted, ``sigma`` from S."""
 
     name: str
     value: float

@@ -1,9 +1,9 @@
-"""A fixed-lag history that gives every measurement its place in time, whatever its order of arrival.
+"""A fixed-lag history that gives every measurement its place in time, in any order of arrival.
 
-Inertial samples come in order and are the clock. A measurement waits until the samples reach it, or,
-when it is late, the engine goes back to a snapshot before it and runs again over the kept samples
-with every measurement in order: the result is that of the run in which nothing was late. A
-measurement between two samples splits the increment of the sample that covers it.
+Inertial samples come in order and are the clock. A measurement waits until the samples reach it,
+or, when it is late, the engine goes back to a snapshot before it and runs again over the kept
+samples with every measurement in order: the result is that of the run in which nothing was late.
+A measurement between two samples splits the increment of the sample that covers it.
 
 The timeline knows order and time only; what a measurement means is the engine's business.
 """

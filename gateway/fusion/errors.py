@@ -1,7 +1,7 @@
-"""The family of error definitions: each is a `boxplus`, a `boxminus` and a map to the additive error.
+"""The family of error definitions: each a `boxplus`, a `boxminus` and a map to the additive error.
 
-The filter stores its covariance for the additive error and propagates it there; the chain rule makes
-that the same as propagating in any other coordinates of the family (the map is taken at the
+The filter stores its covariance for the additive error and propagates it there; the chain rule
+makes that the same as propagating in any other coordinates of the family (the map is taken at the
 propagated mean before and after). What tells the definitions apart is the update: covariance and
 measurement matrix are mapped, the correction is applied by `boxplus`, and the covariance is mapped
 back at the *corrected* mean.  # (M.20)-(M.24)

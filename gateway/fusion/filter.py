@@ -1,4 +1,4 @@
-"""The error-state filter: strapdown between fixes, gated updates at them, and what it can report."""
+"""The error-state filter: strapdown between fixes, gated updates at them, recovery from lock-out."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self

@@ -31,7 +31,7 @@ def euler_rates_map(roll: float, pitch: float, heading: float) -> Array:
 def noise_densities(noise: ImuNoise) -> Array:
     """(4,) of angle and velocity random walk and of the bias walks, SI.  # (M.17), (M.18)
 
-    A bias with a correlation time tau walks with density 2 sigma^2 / tau, a constant one not at all.
+    A bias with a correlation time tau walks with density 2 sigma^2 / tau, a constant one does not.
     """
     gyro = noise.gyro_bias_deg_h * DEG_H
     accel = noise.accel_bias_ug * UG

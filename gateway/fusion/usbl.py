@@ -21,7 +21,7 @@ ELEVATION, BEARING, RANGE = 0, 1, 2
 ROW_NAMES = ("elevation_deg", "bearing_deg", "range_m")
 
 MIN_HORIZONTAL = 0.02
-"""Below this ratio of horizontal to slant range (1.1 deg off the vertical) a bearing says nothing."""
+"""Below this ratio of horizontal to slant range (1.1 deg off the vertical) bearings say nothing."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _range_row(state: State, geometry: ArrayGeometry, sight: Sighting, H: Array)
 def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Linearised | None:
     """Predict a fix and its derivatives at the state of the reply's arrival.
 
-    Returns None where the geometry gives no bearing (beacon straight below) or nothing was measured.
+    Gives None where the geometry has no bearing (beacon straight below) or nothing was measured.
     """
     C = state.C_eb
     r_b, r_u = array_to_beacon(state, geometry, sight.beacon_e)

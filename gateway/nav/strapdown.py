@@ -61,8 +61,8 @@ def _jit(function: _Fn) -> _Fn:
 def _gravity(r: Array, g: Array) -> None:
     """Normal gravity with the centrifugal part at ECEF `r`, resolved in e, into `g`.  # (M.10)
 
-    Latitude by Bowring's formula (once is exact to 1e-11 rad near the Earth's surface), Somigliana's
-    formula and the second-order free-air reduction.
+    Latitude by Bowring's formula (once is exact to 1e-11 rad near the Earth's surface),
+    Somigliana's formula and the second-order free-air reduction.
     """
     p = math.hypot(r[0], r[1])
     b = A * (1.0 - F)
@@ -119,8 +119,8 @@ def _cross(a: Array, b: Array, k: float, out: Array) -> None:
 def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> None:
     """Rotation vector and sculling-free velocity increment of a `part` of one sample.  # (M.12)
 
-    Biases off, coning and sculling from the sample before; a part of a sample is the same motion for
-    a shorter time, so a measurement may split it anywhere.
+    Biases off, coning and sculling from the sample before; a part of a sample is the same motion
+    for a shorter time, so a measurement may split it anywhere.
     """
     dth, dvl = np.empty(3), np.empty(3)
     dth0, dvl0 = np.empty(3), np.empty(3)
