@@ -16,6 +16,14 @@ JUNK_MAX = 1024
 Found = list[Record | Rejected]
 
 
+class UnreadableError(ValueError):
+    """Text that is no record; `reason` is what its `Rejected` says."""
+
+    def __init__(self, reason: Reason, message: str) -> None:
+        super().__init__(message)
+        self.reason: Reason = reason
+
+
 class FrameBuffer:
     """Bytes that wait, when each of them arrived, and the run of junk at their front."""
 
@@ -186,7 +194,7 @@ class LineDecoder:
     Parameters
     ----------
     decode
-        ``(text, t_rx_ns, line_bytes)`` -> the record of a line, or the reason why it is none.
+        ``(text, t_rx_ns, line_bytes)`` -> the record of a line; raises `UnreadableError` if it is none.
     restarts
         Where in a bad line (without its end) a good one may begin, because junk or a damaged line
         end stands before it.
@@ -198,7 +206,7 @@ class LineDecoder:
 
     def __init__(
         self,
-        decode: Callable[[str, int, int], Record | Reason],
+        decode: Callable[[str, int, int], Record],
         restarts: Callable[[bytes], Iterable[int]],
         *,
         longest: int = JUNK_MAX,
@@ -223,7 +231,7 @@ class LineDecoder:
     def close(self) -> Iterable[Record | Rejected]:
         """End of the stream: a last line without its end counts if it is whole."""
         rest = self._buffer.ahead()
-        if len(rest) >= self._shortest:
+        if len(rest) >= max(1, self._shortest):
             self._judge(rest)
         else:
             self._reject(len(rest), "length")
@@ -246,7 +254,8 @@ class LineDecoder:
         """Turn one whole line into a record and into rejected bytes before it."""
         content = line.rstrip(b"\r\n")
         reason: Reason | None = "length" if self._torn else None
-        for start in (*(() if self._torn else (0,)), *self._restarts(content)):
+        restarts = (start for start in self._restarts(content) if start < len(content))
+        for start in restarts if self._torn else (0, *restarts):
             result = self._read(content[start:], start)
             if not isinstance(result, str):
                 self._reject(start, reason or "unknown")
@@ -261,7 +270,10 @@ class LineDecoder:
         text = content.decode("latin-1").replace("\t", " ")
         if not (text.isascii() and text.isprintable()):
             return "syntax"
-        return self._decode(text, *self._buffer.arrival(start))
+        try:
+            return self._decode(text, *self._buffer.arrival(start))
+        except UnreadableError as error:
+            return error.reason
 
     def _reject(self, length: int, reason: Reason) -> None:
         if length and self._torn:

@@ -11,10 +11,10 @@ GROUP = "usblnav.codecs"
 
 CODECS: dict[str, str] = {
     "kvh1750": "drivers.imu.kvh:KVH1750",
-    "tracklink-lxt": "drivers.usbl.tracklink:LXT",
-    "tracklink-tp2": "drivers.usbl.tracklink:TP2",
-    "tracklink-gll": "drivers.usbl.tracklink:GLL",
-    "tracklink-log": "drivers.usbl.tracklink:LOG",
+    "tracklink-lxt": "drivers.usbl.tracklink.lxt:LXT",
+    "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",
+    "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
+    "tracklink-log": "drivers.usbl.tracklink.log:LOG",
     "nmea0183": "drivers.nmea0183:NMEA0183",
 }
 
