@@ -37,11 +37,12 @@ def _readable(config: Config) -> dict[str, Device]:
 
 
 def _one_imu(config: Config) -> Iterator[str]:
-    devices = _readable(config)
-    imus = [name for name, device in devices.items() if isinstance(device, ImuDevice)]
+    if not known(config.devices):
+        return
+    imus = [name for name, device in config.devices.items() if isinstance(device, ImuDevice)]
     if len(imus) > 1:
         yield f"devices: {', '.join(imus)} are all of kind imu; exactly one is needed"
-    elif not imus and known(config.devices, *config.devices.values()):
+    elif not imus and known(*config.devices.values()):
         yield "devices: none is of kind imu; exactly one is needed"
 
 

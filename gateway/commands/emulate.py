@@ -1,0 +1,45 @@
+"""`usblnav emulate`: a scenario as real frames."""
+
+import signal
+import threading
+from argparse import Namespace
+from types import FrameType
+
+from gateway.emulator import player, twin
+from gateway.errors import ConfigError
+
+
+def run(arguments: Namespace) -> int:
+    """Play the scenario to its end, or until SIGINT or SIGTERM."""
+    path = arguments.config or twin.DEMO
+    scenario = twin.load(path)
+    if arguments.pcap is not None and arguments.speed != 1.0:
+        raise ConfigError("--speed: a capture is written as fast as the machine can")
+    stop = threading.Event()
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    report = player.emulate(
+        scenario,
+        speed=arguments.speed,
+        pcap=arguments.pcap,
+        truth=arguments.truth,
+        stop=stop,
+    )
+    for line in _lines(report):
+        print(line)
+    return 0
+
+
+def _lines(report: player.Report) -> list[str]:
+    lines = []
+    for name, sent in report.devices.items():
+        lost = f", {sent.dropped_bytes} bytes taken by nobody" if sent.dropped_bytes else ""
+        lines.append(f"{name}: {sent.frames} frames, {sent.bytes} bytes{lost}")
+    if report.lateness_ms is not None:
+        p50, p99, most = report.lateness_ms
+        lines.append(f"frames late by {p50:.2f} ms (median), {p99:.2f} (99 %), {most:.2f} (worst)")
+    return lines

@@ -1,0 +1,357 @@
+"""The configuration file: what is refused and in which words, all of it at once."""
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.imu.kvh import KvhOptions
+from drivers.settings import SerialLink, UdpLink
+from gateway.config import Beacon, Config, Filter, ImuDevice, UsblDevice, load, wire_format
+from gateway.emulator.twin import DEMO, gateway_config
+from gateway.emulator.twin import load as load_scenario
+from gateway.errors import ConfigError
+from gateway.schema import build
+from tests.shared_data import ROOT, shared
+
+GONE = object()
+
+GOOD: dict[str, Any] = {
+    "vehicle": "auv1",
+    "devices": {
+        "imu0": {
+            "kind": "imu",
+            "codec": "kvh1750",
+            "link": {"type": "udp", "port": 7001},
+            "rate_hz": 200,
+            "noise": {
+                "angle_random_walk_deg_sqrt_h": 0.002,
+                "gyro_bias_deg_h": 0.02,
+                "velocity_random_walk_ug_sqrt_hz": 20,
+                "accel_bias_ug": 50,
+            },
+        },
+        "usbl0": {
+            "kind": "usbl",
+            "codec": "tracklink-lxt",
+            "link": {"type": "serial", "port": "/dev/ttyUSB1"},
+            "noise": {"bearing_deg": 1, "elevation_deg": 1, "range_m": 0.2},
+        },
+    },
+    "beacons": {"1": {"lat_deg": 39.8, "lon_deg": 116.2, "height_m": -50}},
+    "initial": {
+        "lat_deg": 39.8,
+        "lon_deg": 116.2,
+        "height_m": 0,
+        "attitude_deg": [0, 0, 90],
+        "sigma": {"position_m": [5, 5, 1], "velocity_m_s": 0.2, "attitude_deg": [1, 1, 2]},
+    },
+}
+
+NMEA_TCP = {"type": "nmea", "link": {"type": "tcp", "port": 10110}}
+NMEA_STDOUT = {"type": "nmea", "link": {"type": "stdout"}}
+ZENOH = {"type": "zenoh"}
+
+EVERY_KIND = """\
+vehicle: auv1
+devices:
+  imu0:
+    kind: imu
+    codec: kvh1751
+    link: {type: udp, port: 70000}
+    rate_hz: 200 Hz
+    noise:
+      angle_random_walk_deg_sqrt_h: 0.002
+      gyro_bias_deg_h: yes
+      velocity_random_walk_ug_sqrt_hz: .nan
+      accel_bias_mg: 50
+  usbl0:
+    kind: usbl
+    codec: tracklink-lxt
+    link: {type: udp, port: "7002"}
+    noise: {bearing_deg: 1, elevation_deg: 1, range_cm: 20}
+    lever_arm_m: [0.5, 0]
+  dvl0:
+    kind: dvll
+initial:
+  lat_deg: 98
+  lon_deg: 116.2
+  height_m: 0
+  attitude_deg: [0, 0, north]
+  sigma: {position_m: [5, 5, -1], velocity_m_s: 0.2, attitude_deg: [1, 1, 2]}
+filter: {error: additive, couplign: loose}
+outputs:
+  - {type: zenoh, rate_hz: 10}
+  - {type: nmea, link: {type: tcp, port: 0}, sentences: [GGA, GSV]}
+"""
+
+EVERY_FAULT = """\
+devices.imu0.link.port: expected an integer from 1 to 65535, got 70000
+devices.imu0.rate_hz: expected a number > 0 and <= 10000, got "200 Hz"
+devices.imu0.noise.gyro_bias_deg_h: expected a number >= 0, got "yes"
+devices.imu0.noise.velocity_random_walk_ug_sqrt_hz: expected a number > 0, got nan
+devices.imu0.noise.accel_bias_ug: missing
+devices.imu0.noise.accel_bias_mg: unknown key; did you mean accel_bias_ug?
+devices.usbl0.link.port: expected an integer from 1 to 65535, got "7002" (take away the quotes)
+devices.usbl0.noise.range_m: missing
+devices.usbl0.noise.range_cm: unknown key; did you mean range_m?
+devices.usbl0.lever_arm_m: expected a list of 3 numbers, got 2
+devices.dvl0.kind: unknown kind "dvll"; one of: imu, usbl
+initial.lat_deg: expected a number from -90 to 90, got 98
+initial.attitude_deg[2]: expected a number, got "north"
+initial.sigma.position_m[2]: expected a number >= 0, got -1
+filter.couplign: unknown key; did you mean coupling?
+outputs[1].link.port: expected an integer from 1 to 65535, got 0
+outputs[1].sentences[1]: expected one of GGA, GLL, GST, HDT, PUNAV, RMC, THS, VTG, ZDA, got "GSV"
+devices.imu0.codec: no codec is called "kvh1751"; did you mean kvh1750?
+beacons: missing; devices.usbl0 needs at least one
+filter.error: additive is not available yet
+""".splitlines()
+
+
+def edited(*edits: tuple[str, Any]) -> dict[str, Any]:
+    """GOOD with the values at some dotted paths replaced, or GONE."""
+    data = copy.deepcopy(GOOD)
+    for path, value in edits:
+        *way, last = path.split(".")
+        block = data
+        for key in way:
+            block = block.setdefault(key, {})
+        if value is GONE:
+            del block[last]
+        else:
+            block[last] = value
+    return data
+
+
+def written(folder: Path, content: str | dict[str, Any]) -> Path:
+    path = folder / "config.yaml"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def faults_of(path: Path) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert caught.value.file == path
+    assert caught.value.exit_code == 2
+    return caught.value.faults
+
+
+def test_good_file_gives_typed_blocks(tmp_path: Path) -> None:
+    config = load(written(tmp_path, GOOD))
+    name, imu = config.imu
+    assert (name, imu.link, imu.rate_hz) == ("imu0", UdpLink(port=7001), 200.0)
+    assert isinstance(imu.rate_hz, float)
+    assert config.usbl["usbl0"].link == SerialLink(port="/dev/ttyUSB1", baud=9600)
+    assert config.beacons == {"1": Beacon(lat_deg=39.8, lon_deg=116.2, height_m=-50.0)}
+    assert config.filter == Filter()
+    assert config.outputs == ()
+
+
+def test_every_kind_of_fault_is_named_at_once(tmp_path: Path) -> None:
+    assert faults_of(written(tmp_path, EVERY_KIND)) == EVERY_FAULT
+
+
+NAME = "expected a name of letters, digits and _ . - (at most 64), got"
+GYRO = "expected one of delta_angle_deg, delta_angle_rad, rate_deg_s, rate_rad_s, got"
+LINK = "one of: serial, udp, tcp"
+NO_BEACON = "missing; devices.usbl0 needs at least one"
+SECOND_IMU = {**GOOD["devices"]["imu0"], "link": {"type": "udp", "port": 7009}}
+NMEA_ON_USBL = {"type": "nmea", "link": {"type": "serial", "port": "/dev/ttyUSB1"}}
+
+# path in the file, value put there, path of the fault within it, what is said
+ONE_FAULT: list[tuple[str, Any, str, str]] = [
+    ("vehicle", 5, "", f"{NAME} 5 (put it in quotes)"),
+    ("vehicle", "my auv", "", f'{NAME} "my auv"'),
+    ("vehicle", "auv\n", "", f'{NAME} "auv\\n"'),
+    ("devices", GONE, "", "missing"),
+    ("devices", 4, "", "expected a block of keys, got 4"),
+    ("devices.usbl0.kind", GONE, "", "missing; one of: imu, usbl"),
+    ("devices.usbl0", None, "", "expected a block of keys, got nothing"),
+    ("devices.imu0.options", {"gyr": "g"}, ".gyr", "unknown key; did you mean gyro?"),
+    ("devices.imu0.options", {"gyro": "rpm"}, ".gyro", f'{GYRO} "rpm"'),
+    ("devices.imu0.link.type", "upd", "", f'unknown type "upd"; {LINK}'),
+    ("devices.imu0.link", {"type": "stdout"}, ".type", f'unknown type "stdout"; {LINK}'),
+    ("devices.imu0.link", {"port": 7001}, ".type", f"missing; {LINK}"),
+    (
+        "devices.imu0.link.allow",
+        ["10.0.0.0/8", "10.0.0"],
+        "[1]",
+        'expected an address or network, got "10.0.0"',
+    ),
+    (
+        "devices.imu0.link.group",
+        "10.0.0.1",
+        "",
+        'expected a multicast address, got "10.0.0.1"',
+    ),
+    ("devices.imu0.rate_hz", True, "", "expected a number > 0 and <= 10000, got true"),
+    ("devices.imu0.clock", {"source": "pps"}, ".source", "pps is not available yet"),
+    ("devices.usbl0.noise.range_m", "abc", "", 'expected a number > 0, got "abc"'),
+    ("devices.usbl0.noise.range_m", 0, "", "expected a number > 0, got 0"),
+    ("devices.usbl0.noise", GONE, "", "missing"),
+    (
+        "devices.usbl0.clock",
+        {"latency_ms": 10000},
+        ".latency_ms",
+        "10000 ms is not within filter.history_s (10 s); all its data would be too late",
+    ),
+    ("beacons", GONE, "", NO_BEACON),
+    ("beacons", {}, "", NO_BEACON),
+    ("beacons.1.travel", "round", "", 'expected one of one_way, two_way, got "round"'),
+    ("beacons.1.lon_deg", 400, "", "expected a number from -180 to 360, got 400"),
+    ("sound_speed_m_s", 340, "", "expected a number from 1300 to 1700, got 340"),
+    ("filter", {"coupling": "loose"}, ".coupling", "loose is not available yet"),
+    ("filter", {"error": "left_invariant"}, ".error", "left_invariant is not available yet"),
+    ("initial", GONE, "", "missing"),
+    ("outputs", [{"type": "nmea"}], "[0].link", "missing"),
+    ("outputs", "nmea", "", 'expected a list, got "nmea"'),
+    ("outputs", [NMEA_TCP, NMEA_TCP], "[1]", "TCP port 10110 is already used by outputs[0]"),
+    ("outputs", [ZENOH, ZENOH], "[1]", "the Zenoh session is already used by outputs[0]"),
+    (
+        "outputs",
+        [NMEA_STDOUT, ZENOH, NMEA_STDOUT],
+        "[2]",
+        "standard output is already used by outputs[0]",
+    ),
+    (
+        "outputs",
+        [NMEA_ON_USBL],
+        "[0]",
+        "serial port /dev/ttyUSB1 is already used by devices.usbl0",
+    ),
+    (
+        "outputs",
+        [{**NMEA_TCP, "talker": "GPS"}],
+        "[0].talker",
+        'expected two capital letters, got "GPS"',
+    ),
+    (
+        "outputs",
+        [{**NMEA_TCP, "sentences": []}],
+        "[0].sentences",
+        "expected a list of at least 1, got 0",
+    ),
+    (
+        "outputs",
+        [{"type": "zenoh", "mode": "client"}],
+        "[0].connect",
+        "missing; a client needs its router's endpoint",
+    ),
+    (
+        "outputs",
+        [{"type": "zenoh", "connect": ["host:7447"]}],
+        "[0].connect[0]",
+        'expected an endpoint such as tcp/192.168.1.5:7447, got "host:7447"',
+    ),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "within", "said"), ONE_FAULT)
+def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str) -> None:
+    assert faults_of(written(tmp_path, edited((path, value)))) == [f"{path}{within}: {said}"]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "expected"),
+    [
+        ("devices.imu0", GONE, "devices: none is of kind imu; exactly one is needed"),
+        (
+            "devices.imu1",
+            SECOND_IMU,
+            "devices: imu0, imu1 are all of kind imu; exactly one is needed",
+        ),
+        (
+            "devices.imu0.codec",
+            "tracklink-lxt",
+            "devices.imu0.codec: tracklink-lxt is of kind usbl, the device of kind imu; "
+            "one of: kvh1750",
+        ),
+        (
+            "devices.usbl0.link",
+            {"type": "udp", "port": 7001},
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0",
+        ),
+        (
+            "devices.usbl0.link",
+            {"type": "udp", "port": 7001, "bind": "0.0.0.0"},
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0",
+        ),
+        (
+            "devices.imu0.link",
+            {"type": "serial", "port": "/dev/ttyUSB1"},
+            "devices.usbl0: serial port /dev/ttyUSB1 is already used by devices.imu0",
+        ),
+    ],
+)
+def test_fault_between_blocks(tmp_path: Path, path: str, value: Any, expected: str) -> None:
+    assert faults_of(written(tmp_path, edited((path, value)))) == [expected]
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [("outputs", [{"type": "nmea", "link": {"type": "udp", "port": 10110}}] * 2)],
+        [("outputs", [NMEA_TCP, {"type": "nmea", "link": {"type": "tcp", "port": 10111}}])],
+        [("devices.usbl0.link", {"type": "udp", "port": 7001, "bind": "127.0.0.2"})],
+        [("devices.usbl0.link", {"type": "tcp", "port": 7001})],
+        [("devices.usbl0", GONE), ("beacons", GONE)],
+        [("initial.lon_deg", 359.9)],
+        [("filter", {"history_s": 120}), ("devices.usbl0.clock", {"latency_ms": 30000})],
+    ],
+)
+def test_accepted(tmp_path: Path, edits: list[tuple[str, Any]]) -> None:
+    assert isinstance(load(written(tmp_path, edited(*edits))), Config)
+
+
+def test_numbers_as_beacon_names_are_text(tmp_path: Path) -> None:
+    text = json.dumps(GOOD).replace('"1":', "007:")
+    assert list(load(written(tmp_path, text)).beacons) == ["007"]
+
+
+@pytest.mark.parametrize("capture", ["lawnmower", "snapir02"])
+def test_configuration_of_a_capture_loads(capture: str) -> None:
+    config = load(shared("captures", capture, "config.yaml"))
+    assert isinstance(config.imu[1], ImuDevice)
+    assert isinstance(config.usbl["usbl0"], UsblDevice)
+    assert config.imu[1].options == {"gyro": "delta_angle_rad", "accel": "g"}
+
+
+def test_wire_format_gives_the_codec_its_own_options(tmp_path: Path) -> None:
+    options = {"gyro": "rate_deg_s"}
+    config = load(written(tmp_path, edited(("devices.imu0.options", options))))
+    codec, made = wire_format(config.imu[1])
+    assert codec.name == "kvh1750"
+    assert made == KvhOptions(gyro="rate_deg_s")
+
+
+def test_documented_example_has_no_fault() -> None:
+    assert load(ROOT / "config.yaml").outputs
+
+
+def test_documented_example_belongs_to_the_packaged_scenario() -> None:
+    """Devices, beacons and sound speed are the same; the first state is, to its rounding."""
+    example = load(ROOT / "config.yaml")
+    faults: list[str] = []
+    twin = build(Config, gateway_config(load_scenario(DEMO)), faults)
+    assert twin is not None, faults
+    for name, device in twin.devices.items():
+        link = example.devices[name].link
+        if isinstance(link, UdpLink):  # whom to listen to is the gateway's own affair
+            link = msgspec.structs.replace(link, allow=())
+        assert msgspec.structs.replace(example.devices[name], link=link) == device
+    assert example.devices.keys() == twin.devices.keys()
+    assert example.beacons == twin.beacons
+    assert example.sound_speed_m_s == twin.sound_speed_m_s
+    assert example.filter == twin.filter
+    assert example.initial.sigma == twin.initial.sigma
+    ours, theirs = example.initial, twin.initial
+    assert ours.lat_deg == pytest.approx(theirs.lat_deg, abs=1e-6)
+    assert ours.lon_deg == pytest.approx(theirs.lon_deg, abs=1e-6)
+    assert ours.height_m == pytest.approx(theirs.height_m, abs=0.01)
+    assert ours.velocity_ned_m_s == pytest.approx(theirs.velocity_ned_m_s, abs=1e-3)
+    assert ours.attitude_deg == pytest.approx(theirs.attitude_deg, abs=1e-3)
