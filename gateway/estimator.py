@@ -13,8 +13,9 @@ from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.report import calibration, solution
-from gateway.fusion.state import State
+from gateway.fusion.state import N_STATES, State
 from gateway.messages import (
+    Checkpoint,
     FilterCounts,
     FilterOutput,
     ImuBlock,
@@ -38,9 +39,11 @@ class Estimator:
         A validated configuration.
     rate_hz
         Solutions a second: one at the first sample of each period.
+    resume
+        Where an earlier process left off; None begins at the configured initial state.
     """
 
-    def __init__(self, config: Config, rate_hz: float) -> None:
+    def __init__(self, config: Config, rate_hz: float, resume: Checkpoint | None = None) -> None:
         self._config = config
         self._period_ns = round(1e9 / rate_hz)
         self._max_fix_age_ns = int(config.filter.max_fix_age_s * 1e9)
@@ -48,11 +51,15 @@ class Estimator:
         self._resets = 0
         self._t_last_ns = 0
         self._second = 0
+        self._received = 0
         self._sound = initial.initial_state(config)
-        self._start()
+        self._begin(Memory(self._sound.copy()) if resume is None else _memory(resume))
+        if resume is not None:
+            self._t_last_ns = resume.t_ns
 
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it."""
+        self._received += 1
         if isinstance(measurement, ImuBlock):
             yield from self._feed_samples(measurement)
         else:
@@ -72,18 +79,19 @@ class Estimator:
             resets=self._resets,
         )
 
-    def _start(self) -> None:
-        """Begin, or begin again, at the last sound state with the configured uncertainty."""
-        state = State.at(
-            self._sound.C_eb,
-            self._sound.v_eb_e,
-            self._sound.r_e,
-            initial.initial_state(self._config).P,
-        )
-        self._filter = Filter(initial.model(self._config), Memory(state))
+    def _begin(self, memory: Memory) -> None:
+        """Start a filter and an empty history."""
+        self._filter = Filter(initial.model(self._config), memory)
         self._timeline: Timeline[Innovation] = Timeline(
             self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s
         )
+
+    def _begin_again(self) -> None:
+        """Start at the last sound state with the configured uncertainty."""
+        sound = self._sound
+        P = initial.initial_state(self._config).P
+        self._resets += 1
+        self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, P)))
 
     def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
         """Run over a block, pausing at every sample after which a solution is due."""
@@ -117,9 +125,8 @@ class Estimator:
         """Solution at the newest sample, and once a second the constants and totals."""
         memory = self._filter.memory
         if not memory.state.is_sound():
-            self._resets += 1
             yield self._solution(self._sound, t_ns, Mode.FAULT, None)
-            self._start()
+            self._begin_again()
             return
         age_ns = None if memory.t_used_ns is None else t_ns - memory.t_used_ns
         yield self._solution(memory.state, t_ns, self._mode(age_ns), age_ns)
@@ -129,6 +136,21 @@ class Estimator:
             self._sound = memory.state.copy()
             yield calibration(memory.state, t_ns)
             yield self.counts()
+            yield self._checkpoint(t_ns)
+
+    def _checkpoint(self, t_ns: int) -> Checkpoint:
+        """What a new process needs to go on from here."""
+        memory = self._filter.memory
+        return Checkpoint(
+            t_ns=t_ns,
+            received=self._received,
+            x=memory.state.x.tobytes(),
+            P=memory.state.P.tobytes(),
+            used=memory.used,
+            gated=memory.gated,
+            refused_in_a_row=memory.refused_in_a_row,
+            t_used_ns=memory.t_used_ns,
+        )
 
     def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
         """The solution with the filter's totals."""
@@ -141,3 +163,10 @@ class Estimator:
         if age_ns is None:
             return Mode.ALIGNING
         return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING
+
+
+def _memory(saved: Checkpoint) -> Memory:
+    """The filter's memory as a checkpoint holds it."""
+    x = np.frombuffer(saved.x).copy()
+    P = np.frombuffer(saved.P).reshape(N_STATES, N_STATES).copy()
+    return Memory(State(x, P), saved.used, saved.gated, saved.refused_in_a_row, saved.t_used_ns)

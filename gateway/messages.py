@@ -116,4 +116,21 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
     resets: int
 
 
-FilterOutput = NavSolution | Innovation | Calibration | FilterCounts
+class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):
+    """Enough of the filter to go on from in a new process.
+
+    ``x`` and ``P`` are the float64 bytes of mean and covariance at ``t_ns``; ``received`` is the
+    number of measurements the process had taken.
+    """
+
+    t_ns: int
+    received: int
+    x: bytes
+    P: bytes
+    used: int
+    gated: int
+    refused_in_a_row: int
+    t_used_ns: int | None
+
+
+FilterOutput = NavSolution | Innovation | Calibration | FilterCounts | Checkpoint

@@ -181,7 +181,7 @@ class Timeline(Generic[V]):
         k = int(np.searchsorted(self._t[: self._n], t_ns))
         k = min(max(k, 1), self._n - 1)
         if k < 1:
-            return self._track[0]
+            return self._track[0].copy()
         t0, t1 = int(self._t[k - 1]), int(self._t[k])
         f = (t_ns - t0) / (t1 - t0)
         out: Array = self._track[k - 1] + f * (self._track[k] - self._track[k - 1])
@@ -191,7 +191,8 @@ class Timeline(Generic[V]):
 
     def _snapshot_time(self, i: int) -> int:
         """Time up to which snapshot `i` has consumed the samples."""
-        return self._start_of(self._snapshots[i][0] - self._dropped)
+        consumed: int = self._snapshots[i][0]
+        return self._start_of(consumed - self._dropped)
 
     def _start_of(self, k: int) -> int:
         """Start of the interval of held sample `k`."""

@@ -25,7 +25,7 @@ maps it to the error definition in use.
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numba
 import numpy as np
@@ -53,8 +53,7 @@ a vessel in a seaway. They are integrated once over the time missing."""
 
 def _jit(function: _Fn) -> _Fn:
     """Compile with an on-disk cache; typed, which numba's own decorator is not."""
-    compiled: _Fn = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
+    return cast(_Fn, numba.njit(cache=True, error_model="numpy")(function))
 
 
 @_jit

@@ -1,86 +1,25 @@
-"""From a device's records to measurements: sensor axes to body, SI units, time of validity.
-
-Time of validity = arrival of the frame's first byte - serial line time - declared latency; an IMU's
-arrivals are set right by its own count (`gateway.clock`), so that frames that shared a chunk spread
-out and a missing one shows.
-"""
-
-from collections import Counter
-from dataclasses import dataclass, field
-from typing import Protocol
+"""IMU records to increments in body axes, each at its time of validity."""
 
 import numpy as np
 from msgspec import UNSET
 from numpy.typing import NDArray
 
-from drivers.records import ImuRecord, Record, Rejected, UsblRecord
-from drivers.settings import Link, SerialLink
+from drivers.records import ImuRecord, Record, Rejected
 from gateway.clock import ArrivalClock, Unwrapper
-from gateway.config import Config, ImuDevice, UsblDevice
-from gateway.messages import ImuBlock, Measurement, UsblFix
+from gateway.config import ImuDevice
+from gateway.ingest.device import DeviceIngest
+from gateway.messages import ImuBlock, Measurement
 from gateway.nav.attitude import C_from_euler
 
 Array = NDArray[np.float64]
 
-BITS_PER_BYTE = 10
-"""8N1 on a serial line."""
 SEQUENCE_MODULUS = 128
 """KVH sequence numbers."""
 OUTAGE_S = 1.0
 """Silence after which the device may have been switched off and its count begun anew."""
 
 
-@dataclass
-class DeviceCounts:
-    """What became of a device's bytes."""
-
-    bytes: int = 0
-    records: int = 0
-    measurements: int = 0
-    gaps: int = 0
-    missing: int = 0
-    ignored: Counter[str] = field(default_factory=Counter)
-    rejected: Counter[str] = field(default_factory=Counter)
-    rejected_bytes: int = 0
-
-
-class Ingest(Protocol):
-    """One device's way from records to measurements."""
-
-    counts: DeviceCounts
-
-    def take(self, record: Record | Rejected) -> None:
-        """Take the next record of the device."""
-        ...
-
-    def flush(self) -> list[Measurement]:
-        """Give the measurements gathered since the last call."""
-        ...
-
-
-class _Device:
-    """Counting and time of validity, common to all kinds."""
-
-    def __init__(self, link: Link, latency_ms: float) -> None:
-        self.counts = DeviceCounts()
-        self._latency_ns = round(latency_ms * 1e6)
-        self._byte_ns = BITS_PER_BYTE * 1e9 / link.baud if isinstance(link, SerialLink) else 0.0
-
-    def _count(self, record: Record | Rejected) -> bool:
-        """Count a record; False for rejected bytes."""
-        if isinstance(record, Rejected):
-            self.counts.rejected[record.reason] += 1
-            self.counts.rejected_bytes += len(record.data)
-            return False
-        self.counts.records += 1
-        return True
-
-    def _left_instrument_ns(self, record: Record) -> int:
-        """When the frame's first byte left the instrument, less the declared latency."""
-        return record.t_rx_ns - round(record.line_bytes * self._byte_ns) - self._latency_ns
-
-
-class ImuIngest(_Device):
+class ImuIngest(DeviceIngest):
     """IMU records to increments in body axes."""
 
     def __init__(self, device: ImuDevice) -> None:
@@ -174,59 +113,3 @@ class ImuIngest(_Device):
         self._rows.append(
             (dt_s, k * a[0], k * a[1], k * a[2], m * v[0], m * v[1], m * v[2], missing_s)
         )
-
-
-class UsblIngest(_Device):
-    """Acoustic records to fixes at the moment the reply reached the array."""
-
-    def __init__(self, name: str, device: UsblDevice) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
-        self._name = name
-        self._fixes: list[Measurement] = []
-
-    def take(self, record: Record | Rejected) -> None:
-        """Take the next record; one that is invalid or no sighting from the array only counts."""
-        if not self._count(record):
-            return
-        if not isinstance(record, UsblRecord):
-            self.counts.ignored["not_usbl"] += 1
-        elif not record.valid:
-            self.counts.ignored[record.error_code or "invalid"] += 1
-        elif record.axes != "array" or (
-            record.bearing_deg is None and record.slant_range_m is None
-        ):
-            self.counts.ignored["not_array_axes"] += 1
-        else:
-            self._fixes.append(self._fix(record))
-
-    def flush(self) -> list[Measurement]:
-        """The fixes since the last call."""
-        fixes, self._fixes = self._fixes, []
-        self.counts.measurements += len(fixes)
-        return fixes
-
-    def _fix(self, record: UsblRecord) -> UsblFix:
-        """One fix in radians, stamped with its time of validity."""
-        return UsblFix(
-            t_ns=self._left_instrument_ns(record),
-            device=self._name,
-            beacon=record.beacon,
-            elevation=_radians(record.elevation_deg),
-            bearing=_radians(record.bearing_deg),
-            slant_range=record.slant_range_m,
-        )
-
-
-def make(config: Config) -> dict[str, Ingest]:
-    """One ingest for each device of the configuration."""
-    out: dict[str, Ingest] = {}
-    for name, device in config.devices.items():
-        if isinstance(device, ImuDevice):
-            out[name] = ImuIngest(device)
-        else:
-            out[name] = UsblIngest(name, device)
-    return out
-
-
-def _radians(degrees: float | None) -> float | None:
-    return None if degrees is None else float(np.radians(degrees))

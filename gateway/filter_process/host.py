@@ -1,0 +1,198 @@
+"""The daemon's end of the filter process: starts it, feeds it, starts it again when it dies."""
+
+import asyncio
+import logging
+import signal
+import socket
+import sys
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+
+from gateway.config import Config
+from gateway.filter_process.channel import (
+    MAX_MESSAGE,
+    Ready,
+    Start,
+    encode,
+    pair,
+    read_in_host,
+)
+from gateway.messages import Checkpoint, FilterOutput, Measurement
+
+MAX_WAITING = 20_000
+"""Messages kept for the worker: minutes of a fast IMU; beyond it the oldest go, and are counted."""
+RETRY_S = (0.0, 0.5, 1.0, 2.0, 5.0)
+END_S = 1.0
+"""How long a worker may take to end by itself."""
+
+_log = logging.getLogger(__name__)
+
+
+class HostStatus(msgspec.Struct):
+    """How the filter process fares."""
+
+    pid: int | None = None
+    ready: bool = False
+    restarts: int = 0
+    waiting: int = 0
+    dropped: int = 0
+
+
+class FilterHost:
+    """Feeds a worker and hands on what it says.
+
+    Everything sent since the worker's last checkpoint is kept, so that a new worker takes up where
+    the dead one left off.
+
+    Parameters
+    ----------
+    config, rate_hz
+        What the worker runs, and how many solutions a second it gives.
+    on_output
+        Called on the event loop with everything the worker says.
+    """
+
+    def __init__(
+        self, config: Config, rate_hz: float, on_output: Callable[[FilterOutput], None]
+    ) -> None:
+        self.status = HostStatus()
+        self.ready = asyncio.Event()
+        self._config = config
+        self._rate_hz = rate_hz
+        self._on_output = on_output
+        self._checkpoint: Checkpoint | None = None
+        self._acknowledged = 0
+        self._sent: deque[bytes] = deque()
+        self._waiting: deque[bytes] = deque()
+        self._socket: socket.socket | None = None
+        self._blocked = False
+
+    def send(self, measurement: Measurement) -> None:
+        """Queue a measurement for the worker; never blocks."""
+        self._waiting.append(encode(measurement))
+        self._pump()
+        while len(self._waiting) > MAX_WAITING:
+            self._waiting.popleft()
+            self.status.dropped += 1
+        self.status.waiting = len(self._waiting)
+
+    async def run(self) -> None:
+        """Keep a worker running until cancelled; then end it."""
+        failures = 0
+        while True:
+            checkpoint = self._checkpoint
+            how = await self._run_once()
+            failures = failures + 1 if self._checkpoint is checkpoint else 0
+            if failures > 1:  # it may be dying of what it is fed
+                self.status.dropped += len(self._sent)
+                self._sent.clear()
+            wait_s = RETRY_S[min(failures, len(RETRY_S) - 1)]
+            self.status.restarts += 1
+            _log.error("filter process %s; starting it again", how)
+            await asyncio.sleep(wait_s)
+
+    async def _run_once(self) -> str:
+        """Run one worker to its end; say how it ended."""
+        ours, theirs = pair()
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            pass_fds=(theirs.fileno(),),
+        )
+        theirs.close()
+        self.status.pid = process.pid
+        try:
+            self._attach(ours)
+            return _ending(await process.wait())
+        finally:
+            self._detach(ours)
+            await _end(process)
+
+    def _attach(self, channel: socket.socket) -> None:
+        """Give a new worker its orders and what the last one had not finished."""
+        self._waiting.extendleft(reversed(self._sent))
+        self._sent.clear()
+        self._acknowledged = 0
+        channel.send(encode(Start(self._config, self._rate_hz, self._checkpoint)))
+        self._socket = channel
+        asyncio.get_running_loop().add_reader(channel, self._read, channel)
+
+    def _detach(self, channel: socket.socket) -> None:
+        """Forget a worker."""
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(channel)
+        loop.remove_writer(channel)
+        channel.close()
+        self._socket, self._blocked = None, False
+        self.status.ready, self.status.pid = False, None
+        self.ready.clear()
+
+    def _pump(self) -> None:
+        """Send what waits as far as the channel takes it."""
+        if self._socket is None or self._blocked or not self.status.ready:
+            return
+        try:
+            while self._waiting:
+                self._socket.send(self._waiting[0])
+                self._sent.append(self._waiting.popleft())
+        except BlockingIOError:
+            self._blocked = True
+            asyncio.get_running_loop().add_writer(self._socket, self._unblock, self._socket)
+        except OSError:
+            return  # the worker is dying; its end is seen by `_run_once`
+
+    def _unblock(self, channel: socket.socket) -> None:
+        asyncio.get_running_loop().remove_writer(channel)
+        self._blocked = False
+        self._pump()
+
+    def _read(self, channel: socket.socket) -> None:
+        """Take what the worker says."""
+        try:
+            while data := channel.recv(MAX_MESSAGE):
+                self._take(data)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            asyncio.get_running_loop().remove_reader(channel)
+
+    def _take(self, data: bytes) -> None:
+        message = read_in_host(data)
+        if isinstance(message, Ready):
+            self.status.ready = True
+            self.ready.set()
+            self._pump()
+        elif isinstance(message, Checkpoint):
+            self._keep(message)
+        else:
+            self._on_output(message)
+
+    def _keep(self, checkpoint: Checkpoint) -> None:
+        """Remember a checkpoint and forget the measurements it includes."""
+        for _ in range(checkpoint.received - self._acknowledged):
+            self._sent.popleft()
+        self._acknowledged = checkpoint.received
+        self._checkpoint = checkpoint
+
+
+def _ending(code: int) -> str:
+    """How a process ended, in words."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    """See a process to its end; its channel is closed, which tells it."""
+    if process.returncode is not None:
+        return
+    try:
+        await asyncio.wait_for(process.wait(), END_S)
+    except TimeoutError:
+        process.kill()
+        await process.wait()

@@ -1,0 +1,64 @@
+"""From a device's bytes to measurements: sensor axes to body, SI units, time of validity.
+
+Time of validity = arrival of the frame's first byte - serial line time - declared latency; an IMU's
+arrivals are set right by its own count (`gateway.clock`), so that frames that shared a chunk spread
+out and a missing one shows.
+"""
+
+from typing import Protocol
+
+from drivers.codec import Decoder
+from drivers.records import Record, Rejected
+from gateway.config import Config, Device, ImuDevice, wire_format
+from gateway.ingest.device import DeviceCounts
+from gateway.ingest.imu import ImuIngest
+from gateway.ingest.usbl import UsblIngest
+from gateway.messages import Measurement
+
+__all__ = ["DeviceCounts", "Intake", "intakes"]
+
+
+class Ingest(Protocol):
+    """One device's way from records to measurements."""
+
+    counts: DeviceCounts
+
+    def take(self, record: Record | Rejected) -> None:
+        """Take the next record of the device."""
+        ...
+
+    def flush(self) -> list[Measurement]:
+        """Give the measurements gathered since the last call."""
+        ...
+
+
+class Intake:
+    """One device's whole way in: bytes as they arrived, measurements out."""
+
+    def __init__(self, name: str, device: Device) -> None:
+        codec, options = wire_format(device)
+        self._decoder: Decoder = codec.decoder(options)
+        self._ingest: Ingest = (
+            ImuIngest(device) if isinstance(device, ImuDevice) else UsblIngest(name, device)
+        )
+        self.counts = self._ingest.counts
+
+    def feed(self, data: bytes, t_rx_ns: int) -> None:
+        """Take one chunk with its receive stamp."""
+        self.counts.bytes += len(data)
+        for record in self._decoder.feed(data, t_rx_ns):
+            self._ingest.take(record)
+
+    def close(self) -> None:
+        """End of the bytes: what waits in the decoder is decoded or rejected."""
+        for record in self._decoder.close():
+            self._ingest.take(record)
+
+    def flush(self) -> list[Measurement]:
+        """Give the measurements gathered since the last call."""
+        return self._ingest.flush()
+
+
+def intakes(config: Config) -> dict[str, Intake]:
+    """One intake for each device of the configuration."""
+    return {name: Intake(name, device) for name, device in config.devices.items()}
