@@ -1,0 +1,155 @@
+"""A scenario file and the gateway configuration that matches it: one truth for both."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.records import UsblRecord
+from gateway.config.blocks import Config
+from gateway.config.checks import cross_faults
+from gateway.emulator.acoustics import sentence_writer
+from gateway.emulator.scenario import (
+    AnyPort,
+    ImuModel,
+    PtyPort,
+    Scenario,
+    SerialPort,
+    TcpServerPort,
+    UdpPort,
+    UsblModel,
+    codec_options,
+)
+from gateway.emulator.streams import generator
+from gateway.emulator.trajectory import Trajectory
+from gateway.errors import ConfigError
+from gateway.nav import earth
+from gateway.schema import build, read_yaml
+
+DEMO = Path(__file__).parent / "scenarios" / "demo.yaml"
+"""The packaged scenario of the demo."""
+
+_FIRST_UDP_PORT = 7001
+_SHARED_KEYS = ("codec", "options", "clock", "mounting_deg", "noise")
+
+
+def load(path: Path) -> Scenario:
+    """Read a scenario file; it is sound when the configuration that matches it is.
+
+    Raises
+    ------
+    ConfigError
+        With every fault found, each with its path in the file.
+    """
+    faults: list[str] = []
+    scenario = build(Scenario, read_yaml(path), faults)
+    if scenario is None:
+        raise ConfigError(faults, path)
+    config = build(Config, gateway_config(scenario), faults)
+    if config is not None:
+        faults.extend(cross_faults(config))
+    if not faults:
+        faults.extend(_unsayable(scenario))
+    if faults:
+        raise ConfigError(faults, path)
+    return scenario
+
+
+def _unsayable(scenario: Scenario) -> Iterator[str]:
+    """What the devices' formats could never say."""
+    for name, model in scenario.devices.items():
+        if not isinstance(model, UsblModel):
+            continue
+        if getattr(codec_options(model), "bearing_reference", "bow") != "bow":
+            yield f"devices.{name}.options.bearing_reference: the emulator knows bow only"
+        write = sentence_writer(model)
+        for beacon in scenario.beacons:
+            try:
+                write(
+                    UsblRecord(
+                        t_rx_ns=0,
+                        beacon=beacon,
+                        bearing_deg=0.0,
+                        elevation_deg=-45.0,
+                        slant_range_m=100.0,
+                        xyz_m=(70.7, 0.0, 70.7),
+                        t_device_s=0.0,
+                    )
+                )
+            except ValueError as error:
+                yield f"devices.{name}.codec: beacon {beacon}: {error}"
+
+
+def gateway_config(scenario: Scenario) -> dict[str, Any]:
+    """Plain data in the shape of the gateway's ``config.yaml``, without outputs.
+
+    The devices, links and beacons are the scenario's; the first state is the truth at t = 0 with
+    errors drawn from its sigma by the scenario's seed.
+    """
+    config = {
+        "vehicle": scenario.vehicle,
+        "devices": {name: _device(model) for name, model in scenario.devices.items()},
+        "beacons": {n: msgspec.to_builtins(b) for n, b in scenario.beacons.items()},
+        "sound_speed_m_s": scenario.sound_speed_m_s,
+        "initial": _initial(scenario),
+    }
+    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(config))
+    return plain
+
+
+def for_capture(scenario: Scenario) -> Scenario:
+    """The same scenario with every device on UDP, as a capture file holds it.
+
+    A device on another kind of port gets the next free UDP port of 127.0.0.1 from 7001 on.
+    """
+    devices = dict(scenario.devices)
+    taken = {m.port.port for m in devices.values() if isinstance(m.port, UdpPort)}
+    free = (port for port in range(_FIRST_UDP_PORT, 65536) if port not in taken)
+    for name, model in devices.items():
+        if not isinstance(model.port, UdpPort):
+            devices[name] = msgspec.structs.replace(model, port=UdpPort(port=next(free)))
+    return msgspec.structs.replace(scenario, devices=devices)
+
+
+def _device(model: ImuModel | UsblModel) -> dict[str, Any]:
+    whole = msgspec.to_builtins(model)
+    block = {"kind": whole["kind"], "link": _link(model.port)}
+    block |= {key: whole[key] for key in _SHARED_KEYS}
+    if isinstance(model, ImuModel):
+        block["noise"] = {k: v for k, v in block["noise"].items() if v is not None}
+        return block | {"rate_hz": model.rate_hz}
+    return block | {key: whole[key] for key in ("lever_arm_m", "prior")}
+
+
+def _link(port: AnyPort) -> dict[str, Any]:
+    match port:
+        case UdpPort():
+            return {"type": "udp", "bind": port.host, "port": port.port}
+        case TcpServerPort():
+            return {"type": "tcp", "host": port.bind, "port": port.port}
+        case PtyPort():
+            return {"type": "serial", "port": port.symlink, "baud": port.baud}
+        case SerialPort():
+            return {"type": "serial", "port": port.port, "baud": port.baud}
+
+
+def _initial(scenario: Scenario) -> dict[str, Any]:
+    truth = Trajectory(scenario.trajectory, scenario.duration_s).geodetic(np.zeros(1))
+    sigma = scenario.initial.sigma
+    draw = generator(scenario.seed, "initial").standard_normal(9)
+    north, east, down = np.array(sigma.position_m) * draw[:3]
+    velocity = truth.v_eb_n[0] + sigma.velocity_m_s * draw[3:6]
+    euler = np.rad2deg([truth.roll[0], truth.pitch[0], truth.heading[0]])
+    attitude = euler + np.array(sigma.attitude_deg) * draw[6:]
+    R_M, R_N = earth.radii(truth.lat[0])
+    h = truth.h[0]
+    return {
+        "lat_deg": float(np.rad2deg(truth.lat[0] + north / (R_M + h))),
+        "lon_deg": float(np.rad2deg(truth.lon[0] + east / ((R_N + h) * np.cos(truth.lat[0])))),
+        "height_m": float(h - down),
+        "velocity_ned_m_s": velocity.tolist(),
+        "attitude_deg": attitude.tolist(),
+        "sigma": msgspec.to_builtins(sigma),
+    }
