@@ -299,10 +299,12 @@ def _choice(names: list[str]) -> str:
 
 def _range(kind: inspect.IntType | inspect.FloatType) -> str:
     if kind.ge is not None and kind.le is not None:
-        return f" from {kind.ge:.12g} to {kind.le:.12g}"
-    bounds = [(">", kind.gt), (">=", kind.ge), ("<", kind.lt), ("<=", kind.le)]
-    parts = [f"{sign} {bound:.12g}" for sign, bound in bounds if bound is not None]
-    return " " + " and ".join(parts) if parts else ""
+        limits = [f"from {kind.ge:.12g} to {kind.le:.12g}"]
+    else:
+        bounds = [(">", kind.gt), (">=", kind.ge), ("<", kind.lt), ("<=", kind.le)]
+        limits = [f"{sign} {bound:.12g}" for sign, bound in bounds if bound is not None]
+    steps = f" in steps of {kind.multiple_of:.12g}" if kind.multiple_of is not None else ""
+    return (" " + " and ".join(limits) if limits else "") + steps
 
 
 def _hint(kind: inspect.Type, data: Any) -> str:

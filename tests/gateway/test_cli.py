@@ -1,0 +1,353 @@
+"""The command as a user meets it: a real process, its output, its exit code, never a traceback."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import dpkt
+import pytest
+
+from drivers import registry
+from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.records import ImuRecord
+from gateway.emulator.twin import DEMO
+from tests.gateway.test_config import EVERY_FAULT, EVERY_KIND
+from tests.shared_data import ROOT
+
+COMMANDS = ["run", "demo", "replay", "emulate", "check", "codecs", "decode"]
+USBLNAV = [sys.executable, "-m", "gateway"]
+FRAMES = [
+    KVH1750.encode(
+        ImuRecord(
+            t_rx_ns=0,
+            sequence=n,
+            delta_angle_rad=(0.001, 0.0, 0.0),
+            specific_force_m_s2=(0.0, 0.0, -9.80665),
+            temperature_c=20.0,
+        ),
+        KvhOptions(),
+    )
+    for n in range(3)
+]
+
+
+def usblnav(*arguments: str | Path, data: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    done = subprocess.run(
+        [*USBLNAV, *arguments], input=data, capture_output=True, cwd=ROOT, timeout=60, check=False
+    )
+    assert b"Traceback" not in done.stderr, done.stderr.decode()
+    return done
+
+
+def lines(output: bytes) -> list[str]:
+    return output.decode().splitlines()
+
+
+def records(output: bytes) -> list[dict[str, object]]:
+    return [json.loads(line) for line in lines(output)]
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(EVERY_KIND)
+    return path
+
+
+@pytest.fixture
+def cable(tmp_path: Path) -> Path:
+    path = tmp_path / "cable.bin"
+    path.write_bytes(b"".join(FRAMES))
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str) -> None:
+    done = usblnav(command, "--help")
+    assert done.returncode == 0
+    assert done.stdout.startswith(f"usage: usblnav {command} ".encode())
+
+
+def test_help_lists_every_command() -> None:
+    text = usblnav("--help").stdout.decode()
+    assert re.findall(r"^    (\w+) ", text, re.MULTILINE) == COMMANDS
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["navigate"],
+        ["run"],
+        ["demo", "--duration", "0"],
+        ["demo", "--duration", "nan"],
+        ["demo", "--duration", "soon"],
+        ["replay", "x.pcap", "-c", "config.yaml"],
+        ["decode", "-"],
+    ],
+)
+def test_unusable_arguments_end_with_2(arguments: Sequence[str]) -> None:
+    done = usblnav(*arguments)
+    assert done.returncode == 2
+    assert lines(done.stderr)[0].startswith("usage: usblnav")
+    assert done.stdout == b""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["check"], ["run", "-c"], ["replay", "x.pcap", "-o", "out", "-c"]],
+    ids=["check", "run", "replay"],
+)
+def test_wrong_configuration_names_every_fault(command: list[str], wrong: Path) -> None:
+    done = usblnav(*command, wrong)
+    assert done.returncode == 2
+    assert lines(done.stderr) == [f"{wrong}: {fault}" for fault in EVERY_FAULT]
+    assert done.stdout == b""
+
+
+def test_check_as_json(wrong: Path) -> None:
+    done = usblnav("check", wrong, "--json")
+    assert done.returncode == 2
+    assert json.loads(done.stdout) == {"file": str(wrong), "ok": False, "faults": EVERY_FAULT}
+    good = usblnav("check", "config.yaml", "--json")
+    assert good.returncode == 0
+    assert json.loads(good.stdout) == {"file": "config.yaml", "ok": True, "faults": []}
+
+
+def test_check_of_a_good_file_shows_what_it_sets_up() -> None:
+    done = usblnav("check", "config.yaml")
+    assert done.returncode == 0
+    assert lines(done.stdout) == [
+        "config.yaml: no faults",
+        "  imu0: kvh1750 on UDP 127.0.0.1:7001",
+        "  usbl0: tracklink-lxt on /tmp/usblnav-usbl0 at 9600 baud",
+        "  beacons: 1",
+        "  output: NMEA 0183 to UDP 127.0.0.1:10110, 1 Hz",
+        "  output: Zenoh usblnav/demo/, 10 Hz",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["check", "absent.yaml"], "absent.yaml: no such file or directory"),
+        (["check", "docs"], "docs: is a directory"),
+        (
+            ["demo", "--filter", "right_invarient"],
+            "usblnav: --filter: no filter is called right_invarient; did you mean right_invariant?",
+        ),
+        (["demo", "--filter", "additive"], "usblnav: --filter: additive is not available yet"),
+        (
+            ["replay", "absent.pcap", "-c", "config.yaml", "-o", "out"],
+            "usblnav: absent.pcap: no such file",
+        ),
+        (["emulate", "-c", "absent.yaml"], "absent.yaml: no such file or directory"),
+        (
+            ["emulate", "--pcap", "x.pcap", "--speed", "2"],
+            "usblnav: --speed: a capture is written as fast as the machine can",
+        ),
+        (
+            ["decode", "--codec", "kvh", "-"],
+            'usblnav: --codec: no codec is called "kvh"; did you mean kvh1750?',
+        ),
+        (
+            ["decode", "--codec", "kvh1750", "absent.bin"],
+            "usblnav: absent.bin: no such file or directory",
+        ),
+        (["decode", "--codec", "kvh1750", "docs"], "usblnav: docs: is a directory"),
+    ],
+)
+def test_one_line_says_what_is_unusable(arguments: Sequence[str], said: str) -> None:
+    done = usblnav(*arguments)
+    assert done.returncode == 2
+    assert lines(done.stderr)[-1] == said
+    assert done.stdout == b""
+
+
+def test_nmea_to_stdout_only_once(tmp_path: Path) -> None:
+    path = tmp_path / "config.yaml"
+    example = (ROOT / "config.yaml").read_text()
+    path.write_text(example + "  - {type: nmea, link: {type: stdout}}\n")
+    done = usblnav("run", "-c", path, "--nmea", "-")
+    assert done.returncode == 2
+    assert lines(done.stderr) == [
+        "usblnav: --nmea -: standard output is already used by an output of the file"
+    ]
+
+
+def test_codecs_lists_every_format_with_its_options() -> None:
+    listed = json.loads(usblnav("codecs", "--json").stdout)
+    assert [entry["name"] for entry in listed] == registry.names()
+    kvh = next(entry for entry in listed if entry["name"] == "kvh1750")
+    assert kvh["kind"] == "imu"
+    assert kvh["options"]["accel"] == {
+        "expects": "one of delta_v_ft_s, delta_v_m_s, g",
+        "required": False,
+        "default": "g",
+    }
+    text = usblnav("codecs").stdout.decode()
+    for name in registry.names():
+        assert re.search(rf"^{re.escape(name)}  \(\w+\)$", text, re.MULTILINE)
+
+
+def test_decode_prints_one_object_a_record(cable: Path) -> None:
+    done = usblnav("decode", "--codec", "kvh1750", cable)
+    assert done.returncode == 0
+    assert lines(done.stderr) == ["3 imu"]
+    decoded = records(done.stdout)
+    assert [(r["record"], r["sequence"], r["t_rx_ns"]) for r in decoded] == [
+        ("imu", 0, 0),
+        ("imu", 1, 0),
+        ("imu", 2, 0),
+    ]
+    assert decoded[0]["delta_angle_rad"] == pytest.approx([0.001, 0.0, 0.0], rel=1e-6)
+
+
+def test_decode_counts_what_it_rejects(tmp_path: Path) -> None:
+    junk, broken = b"junk", FRAMES[1][:-1] + bytes([FRAMES[1][-1] ^ 1])
+    path = tmp_path / "cable.bin"
+    path.write_bytes(FRAMES[0] + junk + broken + FRAMES[2] + FRAMES[0][:7])
+    done = usblnav("decode", "--codec", "kvh1750", path)
+    assert done.returncode == 0
+    decoded = records(done.stdout)
+    assert [r["sequence"] for r in decoded if r["record"] == "imu"] == [0, 2]
+    lost = [bytes.fromhex(str(r["bytes"])) for r in decoded if r["record"] == "rejected"]
+    assert b"".join(lost) == junk + broken + FRAMES[0][:7]
+    assert lines(done.stderr)[0].startswith("2 imu, ")
+    assert sum(int(n) for n in re.findall(r"(\d+) rejected", done.stderr.decode())) == len(lost)
+
+
+def test_decode_takes_the_options_of_the_codec(cable: Path) -> None:
+    options = ["-o", "gyro=rate_deg_s", "-o", "accel=delta_v_m_s"]
+    first = records(usblnav("decode", "--codec", "kvh1750", *options, cable).stdout)[0]
+    assert first["rate_rad_s"] == pytest.approx([0.001 * 3.141592653589793 / 180, 0, 0], rel=1e-6)
+    assert first["delta_velocity_m_s"] == pytest.approx([0.0, 0.0, -1.0], rel=1e-6)
+
+
+def test_decode_names_every_wrong_option(cable: Path) -> None:
+    options = ["-o", "gyro=rpm", "-o", "accl=g", "-o", "x", "-o", "gyro=rad"]
+    done = usblnav("decode", "--codec", "kvh1750", *options, cable)
+    assert done.returncode == 2
+    assert lines(done.stderr) == [
+        "usblnav: -o x: expected key=value",
+        "usblnav: -o gyro: given twice",
+        "usblnav: -o gyro: expected one of delta_angle_deg, delta_angle_rad, rate_deg_s, "
+        'rate_rad_s, got "rpm"',
+        "usblnav: -o accl: unknown key; did you mean accel?",
+    ]
+
+
+def test_decode_option_of_text_needs_no_quotes() -> None:
+    done = usblnav("decode", "--codec", "tracklink-gll", "-o", "beacon=7", "-")
+    assert (done.returncode, lines(done.stderr)) == (0, ["no records"])
+
+
+def test_decode_reads_hexadecimal_text() -> None:
+    digits = b"".join(FRAMES).hex()
+    text = "\n".join(f"{digits[n : n + 5]} \t" for n in range(0, len(digits), 5))
+    done = usblnav("decode", "--codec", "kvh1750", "--hex", "-", data=text.upper().encode())
+    assert [r["sequence"] for r in records(done.stdout)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("text", "whole", "said"),
+    [
+        (b"fe 81\nxy\n", b"\xfe\x81", "line 2: not hexadecimal"),
+        (b"fe 8\x31\n\xff", b"\xfe\x81", "line 2: not hexadecimal"),
+        (b"fe 8\n", b"\xfe", "ends in half a byte"),
+    ],
+)
+def test_decode_says_where_the_hexadecimal_ends(text: bytes, whole: bytes, said: str) -> None:
+    done = usblnav("decode", "--codec", "kvh1750", "--hex", "-", data=text)
+    assert done.returncode == 1
+    assert lines(done.stderr)[-1] == f"usblnav: standard input: {said}"
+    assert b"".join(bytes.fromhex(str(r["bytes"])) for r in records(done.stdout)) == whole
+
+
+def test_decode_follows_a_live_cable_until_interrupted() -> None:
+    before = time.monotonic_ns()
+    with subprocess.Popen(
+        [*USBLNAV, "decode", "--codec", "kvh1750", "-"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+    ) as process:
+        assert process.stdin and process.stdout and process.stderr
+        for sequence, frame in enumerate(FRAMES):
+            process.stdin.write(frame)
+            process.stdin.flush()
+            record = json.loads(process.stdout.readline())
+            assert record["sequence"] == sequence
+            assert before < record["t_rx_ns"] < time.monotonic_ns()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 130
+        assert lines(process.stderr.read()) == ["3 imu"]
+
+
+def test_a_reader_that_leaves_is_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / "long.bin"
+    path.write_bytes(b"".join(FRAMES) * 20_000)
+    with subprocess.Popen(
+        [*USBLNAV, "decode", "--codec", "kvh1750", str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+    ) as process:
+        assert process.stdout and process.stderr
+        assert process.stdout.readline().startswith(b'{"record":"imu"')
+        process.stdout.close()
+        assert process.wait(60) == 0
+        assert b"Error" not in process.stderr.read()
+
+
+def test_a_full_disk_is_one_line() -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full here")
+    with full.open("wb") as sink:
+        done = subprocess.run(
+            [*USBLNAV, "codecs"],
+            stdout=sink,
+            stderr=subprocess.PIPE,
+            cwd=ROOT,
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert lines(done.stderr) == ["usblnav: no space left on device"]
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["check", "config.yaml"], ["codecs"]])
+def test_light_commands_import_nothing_heavy(arguments: list[str]) -> None:
+    heavy = {"numpy", "scipy", "numba", "zenoh", "serial", "rich", "asyncio"}
+    code = (
+        "import atexit, sys\n"
+        f"atexit.register(lambda: sys.stderr.write(repr(sorted(set(sys.modules) & {heavy}))))\n"
+        f"from gateway.cli import main\nsys.exit(main({arguments}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, cwd=ROOT, timeout=60, check=True
+    )
+    assert done.stderr == b"[]"
+
+
+def test_emulate_writes_a_capture(tmp_path: Path) -> None:
+    scenario, capture = tmp_path / "short.yaml", tmp_path / "short.pcap"
+    text = re.sub(r"duration_s: \d+", "duration_s: 2", DEMO.read_text())
+    scenario.write_text(text)
+    truth = tmp_path / "truth.csv"
+    done = usblnav("emulate", "-c", scenario, "--pcap", capture, "--truth", truth)
+    assert done.returncode == 0, done.stderr.decode()
+    with capture.open("rb") as file:
+        ports = [
+            dpkt.ethernet.Ethernet(packet).ip.udp.dport for _, packet in dpkt.pcap.Reader(file)
+        ]
+    counted = dict(re.findall(r"^(\w+): (\d+) frames", done.stdout.decode(), re.MULTILINE))
+    assert int(counted["imu0"]) == ports.count(7001) == 400
+    assert len(truth.read_text().splitlines()) > 2
