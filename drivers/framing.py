@@ -194,10 +194,10 @@ class LineDecoder:
     Parameters
     ----------
     decode
-        ``(text, t_rx_ns, line_bytes)`` -> the record of a line; raises `UnreadableError` if it is none.
-    restarts
-        Where in a bad line (without its end) a good one may begin, because junk or a damaged line
-        end stands before it.
+        ``(text, t_rx_ns, line_bytes)`` -> the record of a line; raises `UnreadableError`.
+    starts
+        Where a record may begin in what stands between two line ends, likeliest first: not always
+        at 0, because junk or a damaged line end may stand before it.
     longest
         Bytes of the longest line with its end; what is longer is rejected as it comes.
     shortest
@@ -207,13 +207,13 @@ class LineDecoder:
     def __init__(
         self,
         decode: Callable[[str, int, int], Record],
-        restarts: Callable[[bytes], Iterable[int]],
+        starts: Callable[[bytes], Iterable[int]],
         *,
         longest: int = JUNK_MAX,
         shortest: int = 0,
     ) -> None:
         self._decode = decode
-        self._restarts = restarts
+        self._starts = starts
         self._longest = min(longest, JUNK_MAX)
         self._shortest = shortest
         self._torn = False
@@ -254,8 +254,9 @@ class LineDecoder:
         """Turn one whole line into a record and into rejected bytes before it."""
         content = line.rstrip(b"\r\n")
         reason: Reason | None = "length" if self._torn else None
-        restarts = (start for start in self._restarts(content) if start < len(content))
-        for start in restarts if self._torn else (0, *restarts):
+        for start in self._starts(content):
+            if start >= len(line) or (self._torn and start == 0):
+                continue
             result = self._read(content[start:], start)
             if not isinstance(result, str):
                 self._reject(start, reason or "unknown")

@@ -107,9 +107,8 @@ def longitude(lon_deg: float, decimals: int = 4) -> tuple[str, str]:
 
 
 def last_start(line: bytes) -> tuple[int, ...]:
-    """Where a sentence may begin in a bad line: at the last ``$``, for none stands inside one."""
-    at = line.rfind(b"$")
-    return (at,) if at >= 0 else ()
+    """Where a sentence begins among junk: at the last ``$``, for none stands inside one."""
+    return (max(line.rfind(b"$"), 0),)
 
 
 def decoder(options: NmeaOptions) -> Decoder:

@@ -131,6 +131,9 @@ def fitted(value: float, width: int, decimals: int, what: str) -> str:
     return text
 
 
-def last_columns(width: int, line: bytes) -> tuple[int, ...]:
-    """Where a line of fixed width may begin in a bad one: so far before its end."""
-    return (len(line) - width,) if len(line) > width else ()
+def fixed_starts(width: int, line: bytes) -> tuple[int, ...]:
+    """Where a line of fixed width may begin: its width before the end, else at the front.
+
+    A digit glued to the front by a cut line before it would otherwise make another target number.
+    """
+    return (len(line) - width, 0) if len(line) > width else (0,)

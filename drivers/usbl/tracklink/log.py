@@ -26,7 +26,7 @@ from msgspec import UNSET, UnsetType
 
 from drivers.codec import Codec, Decoder
 from drivers.framing import LineDecoder, UnreadableError
-from drivers.nmea0183 import latitude, longitude
+from drivers.nmea0183 import degrees, latitude, longitude
 from drivers.records import Record, UsblRecord
 from drivers.usbl.tracklink.fields import (
     PositionOptions,
@@ -69,12 +69,12 @@ def decoder(options: PositionOptions) -> Decoder:
             valid=fault is None,
             error_code=fault,
             axes="north" if options.bearing_reference == "north" else "array",
-            lat_deg=_degrees(fields[19], 90.0),
-            lon_deg=_degrees(fields[20], 180.0),
+            lat_deg=_degrees(fields[19], "NS"),
+            lon_deg=_degrees(fields[20], "EW"),
             depth_m=number(depth),
         )
 
-    return LineDecoder(decode, _after_line_end)
+    return LineDecoder(decode, _starts)
 
 
 def encode(record: Record, options: PositionOptions) -> bytes:
@@ -87,7 +87,7 @@ def encode(record: Record, options: PositionOptions) -> bytes:
     moment = datetime.fromtimestamp(round(record.t_device_s or 0.0), UTC)
     code = record.error_code if record.error_code and record.error_code.isdigit() else "0"
     fields = (
-        f"{record.beacon} {code}",
+        f"{target(record.beacon)} {code}",
         moment.strftime("%Y %m %d %H %M %S"),
         f"{(x * x + y * y) ** 0.5:.1f} {unsigned(record.bearing_deg):.1f}",
         f"{x:.2f} {y:.2f} {z:.2f} 0",
@@ -99,10 +99,10 @@ def encode(record: Record, options: PositionOptions) -> bytes:
     return f"{' '.join(fields)}\r\n".encode()
 
 
-def _after_line_end(line: bytes) -> tuple[int, ...]:
-    """Where a line may begin in a bad one: behind a CR whose LF was lost or damaged."""
+def _starts(line: bytes) -> tuple[int, ...]:
+    """At the front, or behind a CR whose LF was lost or damaged."""
     at = line.rfind(b"\r")
-    return (at + 1, at + 2) if at >= 0 else ()
+    return (0, at + 1, at + 2) if at >= 0 else (0,)
 
 
 def _unix_s(fields: list[str]) -> float:
@@ -115,12 +115,11 @@ def _unix_s(fields: list[str]) -> float:
     return whole.timestamp() + seconds
 
 
-def _degrees(text: str, limit: float) -> float:
-    whole, minutes = divmod(abs(number(text)), 100)
-    value = whole + minutes / 60
-    if minutes >= 60 or value > limit:
-        raise UnreadableError("range", f"{text} is no latitude or longitude")
-    return -value if text.startswith("-") else value
+def _degrees(text: str, hemispheres: str) -> float:
+    """Read a signed ddmm.mmmm, whose leading zeros are left out."""
+    number(text)
+    whole, point, fraction = text.lstrip("+-").partition(".")
+    return degrees(f"{int(whole):03d}{point}{fraction}", hemispheres[text.startswith("-")])
 
 
 def _ddmm(text: str, hemisphere: str) -> str:

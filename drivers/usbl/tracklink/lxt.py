@@ -26,7 +26,7 @@ from drivers.records import Record, UsblRecord
 from drivers.usbl.tracklink.fields import (
     Reference,
     fitted,
-    last_columns,
+    fixed_starts,
     no_range,
     number,
     signed,
@@ -50,7 +50,7 @@ def decoder(options: LxtOptions) -> Decoder:
 
     def decode(line: str, t_rx_ns: int, line_bytes: int) -> Record:
         tokens = line.split()
-        if len(tokens) not in (4, 8):
+        if len(tokens) not in (4, 8) or len(line.rstrip()) > WIDTH:
             raise UnreadableError("syntax", "an LXT line has 4 fields, or 8 with the reserved ones")
         slant_m = number(tokens[1], 0.0, SLANT_MAX)
         fault = "full_scale" if slant_m == SLANT_MAX else no_range(slant_m)
@@ -66,7 +66,7 @@ def decoder(options: LxtOptions) -> Decoder:
             axes="north" if options.bearing_reference == "north" else "array",
         )
 
-    return LineDecoder(decode, partial(last_columns, WIDTH), shortest=WIDTH)
+    return LineDecoder(decode, partial(fixed_starts, WIDTH), shortest=WIDTH)
 
 
 def encode(record: Record, options: LxtOptions) -> bytes:
@@ -86,7 +86,7 @@ def encode(record: Record, options: LxtOptions) -> bytes:
         raise ValueError(f"tracklink-lxt cannot say a beacon above ({record.elevation_deg} deg)")
     line = " ".join(
         (
-            fitted(int(record.beacon), 1, 0, "target"),
+            fitted(int(target(record.beacon)), 1, 0, "target"),
             fitted(record.slant_range_m, 6, 1, "slant range"),
             fitted(unsigned(record.bearing_deg), 5, 1, "bearing"),
             fitted(depression, 4, 1, "depression"),

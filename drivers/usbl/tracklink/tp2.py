@@ -17,8 +17,9 @@ column field
 65-66  blank (error code at ORE)
 ====== =======================================
 
-Members of the family let values overflow their columns, so a line is split at its blanks; only
-where that makes no sense (a reserved field left blank shifts the rest) do the columns count.
+A line in its columns is read by them, because a reserved field left blank would make another field
+out of an error code. Members of the family let values overflow: what the columns make no sense of
+is split at its blanks into 9 fields, or 10 with an error code.
 """
 
 from functools import partial
@@ -31,8 +32,8 @@ from drivers.usbl.tracklink.fields import (
     agree,
     elevation,
     fitted,
+    fixed_starts,
     hms,
-    last_columns,
     no_range,
     number,
     seconds_of_day,
@@ -55,7 +56,7 @@ def decoder(options: PositionOptions) -> Decoder:
         line = line.replace("*", " ")
         doubtful: UsblRecord | None = None
         reasons: list[Reason] = []
-        for split in (_tokens, _columns):
+        for split in (_columns, _tokens):
             try:
                 record = _fix(split(line), options, t_rx_ns, line_bytes)
             except UnreadableError as error:
@@ -68,7 +69,7 @@ def decoder(options: PositionOptions) -> Decoder:
             return doubtful
         raise UnreadableError("range" if "range" in reasons else "syntax", "no TP2 line")
 
-    return LineDecoder(decode, partial(last_columns, WIDTH), shortest=WIDTH)
+    return LineDecoder(decode, partial(fixed_starts, WIDTH), shortest=WIDTH)
 
 
 def encode(record: Record, options: PositionOptions) -> bytes:
@@ -87,7 +88,7 @@ def encode(record: Record, options: PositionOptions) -> bytes:
     hours, minutes, seconds = hms(record.t_device_s)
     line = " ".join(
         (
-            fitted(int(record.beacon), 1, 0, "target"),
+            fitted(int(target(record.beacon)), 1, 0, "target"),
             f"{hours:02d}:{minutes:02d}:{seconds:02d}",
             "0  ",
             fitted(unsigned(record.bearing_deg), 5, 1, "bearing"),

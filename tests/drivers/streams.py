@@ -1,0 +1,113 @@
+"""Frames of every codec, and what must hold for whatever a decoder makes of a stream of them."""
+
+from bisect import bisect_right
+from collections.abc import Iterable
+from itertools import accumulate, pairwise
+
+import msgspec
+
+from drivers import registry
+from drivers.codec import Decoder
+from drivers.imu.kvh import KvhOptions
+from drivers.records import DeviceStatus, ImuRecord, NmeaSentence, Record, Rejected, UsblRecord
+
+
+def _imu(sequence: int, **more: object) -> ImuRecord:
+    return ImuRecord(
+        t_rx_ns=0,
+        sequence=sequence,
+        delta_angle_rad=(1e-5 * sequence, -2e-5, 3e-5),
+        specific_force_m_s2=(0.1, -0.2, -9.8),
+        **more,
+    )
+
+
+def _kvh() -> list[bytes]:
+    encode = registry.lookup("kvh1750").encode
+    return [
+        encode(_imu(1, temperature_c=21.0), KvhOptions()),
+        encode(_imu(2, t_device_s=12.000001, temperature_c=-5.0), KvhOptions(format="b")),
+        encode(DeviceStatus(t_rx_ns=0, healthy=True), KvhOptions()),
+        encode(_imu(3, magnetic_gauss=("z", 0.25)), KvhOptions(format="c")),
+        encode(
+            DeviceStatus(t_rx_ns=0, healthy=False, failed=("GCB Y volts",)),
+            KvhOptions(),
+        ),
+        encode(_imu(4, temperature_c=22.0), KvhOptions()),
+    ]
+
+
+def _usbl(codec: str) -> list[bytes]:
+    made = registry.lookup(codec)
+    records = (
+        UsblRecord(
+            t_rx_ns=0,
+            beacon=beacon,
+            bearing_deg=53.1,
+            elevation_deg=-45.0,
+            slant_range_m=70.7,
+            xyz_m=(30.0, 40.0, 50.0),
+            t_device_s=t_s,
+            lat_deg=-33.375,
+            lon_deg=151.25,
+            depth_m=50.0,
+        )
+        for beacon, t_s in (("1", 10.0), ("2", 11.0), ("3", 12.0), ("4", 13.0))
+    )
+    return [made.encode(record, made.options()) for record in records]
+
+
+def _nmea() -> list[bytes]:
+    made = registry.lookup("nmea0183")
+    sentences = (("GP", "HDT", ("123.4", "T")), ("HE", "ROT", ("-0.1", "A")), ("P", "UNAV", ("",)))
+    return [
+        made.encode(NmeaSentence(t_rx_ns=0, talker=t, formatter=f, fields=x), made.options())
+        for t, f, x in sentences
+    ] + [b"$GPZDA,160012.71,11,03,2004,-1,00*7D\r\n"]
+
+
+FRAMES: dict[str, list[bytes]] = {
+    "kvh1750": _kvh(),
+    "nmea0183": _nmea(),
+    **{
+        name: _usbl(name)
+        for name in ("tracklink-lxt", "tracklink-tp2", "tracklink-gll", "tracklink-log")
+    },
+}
+
+
+def decoder(name: str) -> Decoder:
+    codec = registry.lookup(name)
+    return codec.decoder(codec.options())
+
+
+def bare(records: Iterable[Record | Rejected]) -> list[Record | Rejected]:
+    """Without arrival: what must not depend on how the stream was cut."""
+    return [msgspec.structs.replace(record, t_rx_ns=0, line_bytes=0) for record in records]
+
+
+def good(records: Iterable[Record | Rejected]) -> list[Record | Rejected]:
+    return [record for record in bare(records) if not isinstance(record, Rejected)]
+
+
+def run(name: str, chunks: Iterable[bytes]) -> list[Record | Rejected]:
+    """Feed chunk i with the stamp i, close, and give all records."""
+    reader = decoder(name)
+    records = [record for i, chunk in enumerate(chunks) for record in reader.feed(chunk, i)]
+    return records + list(reader.close())
+
+
+def check_tiling(name: str, chunks: list[bytes], records: list[Record | Rejected]) -> None:
+    """Every byte is in exactly one record, and each record says rightly when its first one came."""
+    stream = b"".join(chunks)
+    ends = list(accumulate(map(len, chunks)))
+    starts = [ends[record.t_rx_ns] - record.line_bytes for record in records]
+    assert [bisect_right(ends, start) for start in starts] == [r.t_rx_ns for r in records]
+    bounds = [*starts, len(stream)]
+    assert bounds[0] == 0 or not records
+    for record, (start, end) in zip(records, pairwise(bounds), strict=True):
+        assert start < end
+        if isinstance(record, Rejected):
+            assert record.data == stream[start:end]
+        else:
+            assert bare([record]) == good(run(name, [stream[start:end]]))
