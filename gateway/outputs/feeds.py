@@ -1,0 +1,157 @@
+"""What each configured output is given, and how often: the solution in time or an honest blank."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, Protocol
+
+import msgspec
+
+from gateway.config import NmeaOutput, Output, ZenohOutput
+from gateway.outputs import nmea
+from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
+from gateway.outputs.sinks import Sink, SinkStatus, open_sink
+
+STALE_S = 1.5
+"""Without a solution for so long the sentences say that there is none."""
+
+
+class Feed(Protocol):
+    """One output; nothing here blocks or raises."""
+
+    def nav(self, report: NavReport) -> None:
+        """Take every solution; pass on those that are due."""
+        ...
+
+    def innovation(self, report: InnovationReport) -> None:
+        """Take the verdict on a fix."""
+        ...
+
+    def calibration(self, report: CalibrationReport) -> None:
+        """Take the estimated constants."""
+        ...
+
+    def health(self, report: msgspec.Struct) -> None:
+        """Take the daemon's status."""
+        ...
+
+    def status(self) -> SinkStatus:
+        """How the output itself fares."""
+        ...
+
+    async def run(self) -> None:
+        """Do what must happen without a solution; ends when nobody can read any more."""
+        ...
+
+
+@asynccontextmanager
+async def open_feed(output: Output, vehicle: str) -> AsyncIterator[Feed]:
+    """Open a configured output for as long as the body runs."""
+    if isinstance(output, NmeaOutput):
+        async with open_sink(output.link) as sink:
+            yield _NmeaFeed(output, sink)
+    else:
+        from gateway.outputs.zenoh import open_publisher  # zenoh only where it is asked for
+
+        async with open_publisher(output, vehicle) as publisher:
+            yield _ZenohFeed(output, publisher)
+
+
+class _Pace:
+    """Picks the first report of each period."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(1e9 / rate_hz)
+        self._tick: int | None = None
+
+    def is_due(self, t_ns: int) -> bool:
+        """Whether a report of that time begins a period (the clock may step either way)."""
+        tick = t_ns // self._period_ns
+        due = tick != self._tick
+        self._tick = tick
+        return due
+
+
+class _NmeaFeed:
+    """NMEA 0183 sentences to a sink."""
+
+    def __init__(self, settings: NmeaOutput, sink: Sink) -> None:
+        self._settings = settings
+        self._sink = sink
+        self._pace = _Pace(settings.rate_hz)
+        self._sent = time.monotonic()
+
+    def nav(self, report: NavReport) -> None:
+        if self._pace.is_due(report.utc_ns):
+            self._send(report, report.utc_ns)
+
+    def innovation(self, report: InnovationReport) -> None:
+        """NMEA has no word for it."""
+
+    def calibration(self, report: CalibrationReport) -> None:
+        """NMEA has no word for it."""
+
+    def health(self, report: msgspec.Struct) -> None:
+        """NMEA has no word for it."""
+
+    def status(self) -> SinkStatus:
+        return self._sink.status()
+
+    async def run(self) -> None:
+        """Say "no solution" at the output's rate while there is none."""
+        patience = max(STALE_S, 2.0 / self._settings.rate_hz)
+        blank = asyncio.create_task(self._blanks(patience))
+        try:
+            await self._sink.ended.wait()
+        finally:
+            blank.cancel()
+
+    async def _blanks(self, patience: float) -> None:
+        stale = False
+        while True:
+            wait = 1.0 / self._settings.rate_hz if stale else patience
+            due = self._sent + wait
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            stale = time.monotonic() >= self._sent + wait
+            if stale:
+                self._send(None, time.time_ns())
+
+    def _send(self, report: NavReport | None, utc_ns: int) -> None:
+        self._sent = time.monotonic()
+        settings = self._settings
+        self._sink.send(nmea.epoch(report, utc_ns, settings.sentences, settings.talker))
+
+
+class _Publisher(Protocol):
+    def publish(self, topic: Any, report: msgspec.Struct | dict[str, Any]) -> None: ...
+
+    def status(self) -> SinkStatus: ...
+
+
+class _ZenohFeed:
+    """JSON reports to Zenoh."""
+
+    def __init__(self, settings: ZenohOutput, publisher: _Publisher) -> None:
+        self._publisher = publisher
+        self._pace = _Pace(settings.rate_hz)
+
+    def nav(self, report: NavReport) -> None:
+        if self._pace.is_due(report.utc_ns):
+            self._publisher.publish("nav", report)
+
+    def innovation(self, report: InnovationReport) -> None:
+        self._publisher.publish("innovation", report)
+
+    def calibration(self, report: CalibrationReport) -> None:
+        self._publisher.publish("calibration", report)
+
+    def health(self, report: msgspec.Struct) -> None:
+        self._publisher.publish("status", report)
+
+    def status(self) -> SinkStatus:
+        return self._publisher.status()
+
+    async def run(self) -> None:
+        """The publisher looks after itself."""
+        await asyncio.Event().wait()
