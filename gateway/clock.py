@@ -9,11 +9,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-STRETCH_S = 0.25
-WINDOW = 240
+STRETCH_S = 1.0
+WINDOW = 60
 """Stretches kept: one minute."""
-DRIFT_AFTER = 20
-"""Stretches (5 s) before a drift is believed."""
+DRIFT_AFTER = 6
+"""Stretches before a drift is believed."""
 
 
 @dataclass

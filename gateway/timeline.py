@@ -178,10 +178,9 @@ class Timeline(Generic[V]):
 
     def at(self, t_ns: int) -> Array:
         """Track at a past moment, linear between samples and beyond the first."""
-        k = int(np.searchsorted(self._t[: self._n], t_ns))
-        k = min(max(k, 1), self._n - 1)
-        if k < 1:
-            return self._track[0].copy()
+        if self._n < 2:
+            return np.array(self._track[0])
+        k = min(max(int(np.searchsorted(self._t[: self._n], t_ns)), 1), self._n - 1)
         t0, t1 = int(self._t[k - 1]), int(self._t[k])
         f = (t_ns - t0) / (t1 - t0)
         out: Array = self._track[k - 1] + f * (self._track[k] - self._track[k - 1])
@@ -198,7 +197,7 @@ class Timeline(Generic[V]):
         """Start of the interval of held sample `k`."""
         if k > 0:
             return int(self._t[k - 1])
-        return int(self._t[0]) - round(self._rows[0, 0] * 1e9)
+        return int(self._t[0]) - round(float(self._rows[0, 0]) * 1e9)
 
     def _rewind(self, t_ns: int) -> int:
         """Go back to the newest snapshot before `t_ns`; give the first sample to run again."""

@@ -76,6 +76,9 @@ class FilterHost:
         while len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
             self.status.dropped += 1
+        while len(self._sent) > MAX_WAITING:
+            self._sent.popleft()
+            self._acknowledged += 1
         self.status.waiting = len(self._waiting)
 
     async def run(self) -> None:

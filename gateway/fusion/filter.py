@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from gateway.fusion import usbl
@@ -130,7 +130,7 @@ class Filter:
             return self._refuse(fix, "geometry")
         S = innovation_covariance(self.memory.state.P, z)
         nis = normalised_square(z.residual, S)
-        inside = nis <= scipy.stats.chi2.ppf(self.model.gate, len(z.residual))
+        inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open())
         self._learn(fix, z, accepted)
         reason = "" if accepted else "gate"

@@ -10,7 +10,7 @@ from gateway.fusion.errors import FAMILY
 from gateway.fusion.filter import AcousticArray, Model, Transponder
 from gateway.fusion.state import ATT, BA, BG, DALPHA, DBETA, DKD, N_STATES, POS, THETA, VEL, State
 from gateway.fusion.usbl import ArrayGeometry
-from gateway.nav.attitude import C_from_euler
+from gateway.nav.attitude import C_from_euler, euler_error_map
 from gateway.nav.earth import C_en, lla_to_ecef
 
 Array = NDArray[np.float64]
@@ -19,13 +19,6 @@ G0 = 9.80665
 """Standard gravity (m/s^2), the unit behind g and ug."""
 DEG_H = np.radians(1.0) / 3600.0
 UG = 1e-6 * G0
-
-
-def euler_rates_map(roll: float, pitch: float, heading: float) -> Array:
-    """(3, 3) M with ``phi_n = M [d_roll, d_pitch, d_heading]``, the attitude error in NED axes."""
-    C_heading = C_from_euler(0.0, 0.0, heading)
-    C_level = C_from_euler(0.0, pitch, heading)
-    return np.column_stack([C_level[:, 0], C_heading[:, 1], np.array([0.0, 0.0, 1.0])])
 
 
 def noise_densities(noise: ImuNoise) -> Array:
@@ -52,7 +45,7 @@ def initial_state(config: Config) -> State:
     lat, lon = np.radians(first.lat_deg), np.radians(first.lon_deg)
     roll, pitch, heading = np.radians(first.attitude_deg)
     C = C_en(lat, lon)
-    M = C @ euler_rates_map(roll, pitch, heading)
+    M = C @ euler_error_map(pitch, heading)
     P = np.zeros((N_STATES, N_STATES))
     P[ATT, ATT] = M @ np.diag(np.radians(sigma.attitude_deg) ** 2) @ M.T
     P[VEL, VEL] = np.eye(3) * sigma.velocity_m_s**2

@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.fusion.initial import DEG_H, UG, euler_rates_map
+from gateway.fusion.initial import DEG_H, UG
 from gateway.fusion.state import ATT, BG, POS, VEL, State
 from gateway.messages import Calibration, Constant, NavSolution, Vec3
 from gateway.modes import Mode
-from gateway.nav.attitude import euler_from_C
+from gateway.nav.attitude import euler_error_map, euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def solution(
     roll, pitch, heading = (float(v) for v in euler_from_C(C.T @ state.C_eb))
     P_pos = C.T @ state.P[POS, POS] @ C
     P_vel = C.T @ state.P[VEL, VEL] @ C
-    to_euler = np.linalg.inv(euler_rates_map(roll, pitch, heading)) @ C.T
+    to_euler = np.linalg.inv(euler_error_map(pitch, heading)) @ C.T
     P_att = to_euler @ state.P[ATT, ATT] @ to_euler.T
     return NavSolution(
         t_ns=t_ns,

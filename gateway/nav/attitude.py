@@ -21,14 +21,27 @@ def C_from_euler(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> Array
     C_nb
         (..., 3, 3) with ``v_n = C_nb @ v_b``.
     """
-    roll, pitch, heading = np.broadcast_arrays(roll, pitch, heading)
     sr, cr = np.sin(roll), np.cos(roll)
     sp, cp = np.sin(pitch), np.cos(pitch)
     sh, ch = np.sin(heading), np.cos(heading)
-    forward = np.stack([cp * ch, cp * sh, -sp], axis=-1)
-    right = np.stack([sr * sp * ch - cr * sh, sr * sp * sh + cr * ch, sr * cp], axis=-1)
-    down = np.stack([cr * sp * ch + sr * sh, cr * sp * sh - sr * ch, cr * cp], axis=-1)
-    return np.stack([forward, right, down], axis=-1)
+    C = np.empty((*np.broadcast_shapes(*map(np.shape, (roll, pitch, heading))), 3, 3))
+    C[..., 0, 0], C[..., 1, 0], C[..., 2, 0] = cp * ch, cp * sh, -sp
+    C[..., 0, 1], C[..., 1, 1] = sr * sp * ch - cr * sh, sr * sp * sh + cr * ch
+    C[..., 0, 2], C[..., 1, 2] = cr * sp * ch + sr * sh, cr * sp * sh - sr * ch
+    C[..., 2, 1], C[..., 2, 2] = sr * cp, cr * cp
+    return C
+
+
+def euler_error_map(pitch: float, heading: float) -> Array:
+    """How errors of the Euler angles turn the vehicle.
+
+    Returns
+    -------
+    M
+        (3, 3) with ``phi_n = M @ [d_roll, d_pitch, d_heading]``, the rotation vector in NED axes.
+    """
+    sp, cp, sh, ch = np.sin(pitch), np.cos(pitch), np.sin(heading), np.cos(heading)
+    return np.array([[cp * ch, -sh, 0.0], [cp * sh, ch, 0.0], [-sp, 0.0, 1.0]])
 
 
 def euler_from_C(C_nb: ArrayLike) -> tuple[Array, Array, Array]:

@@ -101,13 +101,13 @@ def C_en(lat: ArrayLike, lon: ArrayLike) -> Array:
     C_en
         (..., 3, 3).
     """
-    lat, lon = np.broadcast_arrays(lat, lon)
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     sin_lon, cos_lon = np.sin(lon), np.cos(lon)
-    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
-    east = np.stack([-sin_lon, cos_lon, np.zeros_like(sin_lon)], axis=-1)
-    down = np.stack([-cos_lat * cos_lon, -cos_lat * sin_lon, -sin_lat], axis=-1)
-    return np.stack([north, east, down], axis=-1)
+    C = np.zeros((*np.broadcast_shapes(np.shape(lat), np.shape(lon)), 3, 3))
+    C[..., 0, 0], C[..., 1, 0], C[..., 2, 0] = -sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat
+    C[..., 0, 1], C[..., 1, 1] = -sin_lon, cos_lon
+    C[..., 0, 2], C[..., 1, 2], C[..., 2, 2] = -cos_lat * cos_lon, -cos_lat * sin_lon, -sin_lat
+    return C
 
 
 def gravity(lat: ArrayLike, h: ArrayLike) -> Array:

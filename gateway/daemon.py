@@ -1,0 +1,140 @@
+"""The daemon: devices into the filter process, its solutions into outputs, until told to stop."""
+
+import asyncio
+import logging
+import signal
+import time
+from contextlib import AsyncExitStack
+
+from drivers.links import open_link
+from drivers.settings import StdioLink
+from gateway import systemd
+from gateway.config import Config, NmeaOutput, Output
+from gateway.filter_process.host import FilterHost
+from gateway.health import Health, Line
+from gateway.ingest import intakes
+from gateway.messages import Calibration, FilterCounts, FilterOutput, Innovation, NavSolution
+from gateway.outputs.feeds import Feed, open_feed
+from gateway.outputs.schema import calibration_report, innovation_report, nav_report
+from gateway.supervise import Alive, keep_running
+
+MIN_SOLUTION_RATE_HZ = 10.0
+HEALTH_PERIOD_S = 1.0
+
+_log = logging.getLogger(__name__)
+
+
+def run(config: Config, *, nmea_stdout: bool = False) -> None:
+    """Run until SIGTERM or SIGINT, or until the reader of standard output is gone.
+
+    Parameters
+    ----------
+    config
+        A validated configuration.
+    nmea_stdout
+        Add an output of NMEA 0183 on standard output.
+    """
+    logging.basicConfig(level=logging.INFO, format="usblnav: %(message)s")
+    outputs = list(config.outputs)
+    if nmea_stdout:
+        outputs.append(NmeaOutput(link=StdioLink()))
+    asyncio.run(_Daemon(config, outputs).run())
+
+
+class _Daemon:
+    """The object graph of one run."""
+
+    def __init__(self, config: Config, outputs: list[Output]) -> None:
+        self._config = config
+        self._outputs = outputs
+        self._stop = asyncio.Event()
+        self._feeds: list[Feed] = []
+        ways_in = intakes(config)
+        self._lines = [
+            Line(name, "imu" if name == config.imu[0] else "usbl", device.codec, ways_in[name])
+            for name, device in config.devices.items()
+        ]
+        rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])
+        self._host = FilterHost(config, rate_hz, self._on_output)
+        self._health = Health(config.vehicle, self._lines, self._host, self._feeds)
+
+    async def run(self) -> None:
+        """Everything, until told to stop."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._stop.set)
+        async with AsyncExitStack() as stack:
+            for output in self._outputs:
+                feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
+                self._feeds.append(feed)
+            async with asyncio.TaskGroup() as group:
+                tasks = [group.create_task(self._host.run(), name="filter")]
+                tasks += [group.create_task(self._ready()), group.create_task(self._watch())]
+                tasks += [group.create_task(self._until_ended(feed)) for feed in self._feeds]
+                tasks += [group.create_task(self._read(line)) for line in self._lines]
+                await self._stop.wait()
+                systemd.notify_stopping()
+                for task in tasks:
+                    task.cancel()
+        _log.info("stopped")
+
+    async def _read(self, line: Line) -> None:
+        """Bring one device's bytes to the filter, for as long as the daemon runs."""
+        settings = self._config.devices[line.name].link
+
+        async def once(alive: Alive) -> None:
+            async with open_link(settings, line.link) as link:
+                async for chunk in link:
+                    alive()
+                    line.heard_at = time.monotonic()
+                    line.intake.feed(chunk.data, chunk.t_rx_ns)
+                    for measurement in line.intake.flush():
+                        self._host.send(measurement)
+
+        await keep_running(line.name, once)
+
+    def _on_output(self, output: FilterOutput) -> None:
+        """Hand on what the filter says, in the words of the edge."""
+        offset_ns = time.time_ns() - time.monotonic_ns()
+        if isinstance(output, NavSolution):
+            nav = nav_report(output, offset_ns)
+            self._health.solved(nav)
+            for feed in self._feeds:
+                feed.nav(nav)
+        elif isinstance(output, Innovation):
+            innovation = innovation_report(output, offset_ns)
+            for feed in self._feeds:
+                feed.innovation(innovation)
+        elif isinstance(output, Calibration):
+            calibration = calibration_report(output, offset_ns)
+            for feed in self._feeds:
+                feed.calibration(calibration)
+        elif isinstance(output, FilterCounts):
+            self._health.totals = output
+
+    async def _until_ended(self, feed: Feed) -> None:
+        """Stop the daemon when an output has lost its reader for good."""
+        await feed.run()
+        self._stop.set()
+
+    async def _ready(self) -> None:
+        """Tell the service manager once the filter is compiled and waiting."""
+        await self._host.ready.wait()
+        systemd.notify_ready()
+        _log.info("ready: %s", ", ".join(line.name for line in self._lines))
+
+    async def _watch(self) -> None:
+        """Publish the status, raise alarms, and feed the watchdog while solutions flow."""
+        watchdog_s = systemd.watchdog_interval_s()
+        fed_at = 0.0
+        while True:
+            await asyncio.sleep(min(HEALTH_PERIOD_S, watchdog_s or HEALTH_PERIOD_S))
+            self._health.watch()
+            report = self._health.report()
+            for feed in self._feeds:
+                feed.health(report)
+            systemd.notify_status(self._health.line())
+            now = time.monotonic()
+            if watchdog_s is not None and now - fed_at >= watchdog_s and self._health.is_flowing():
+                systemd.notify_watchdog()
+                fed_at = now

@@ -1,0 +1,164 @@
+"""How the gateway fares: one report of devices, filter and outputs, and the alarms that follow."""
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+
+from drivers.links import LinkCounts
+from gateway.filter_process.host import FilterHost, HostStatus
+from gateway.ingest import Intake
+from gateway.messages import FilterCounts
+from gateway.modes import Mode
+from gateway.outputs.feeds import Feed
+from gateway.outputs.schema import NavReport
+from gateway.outputs.sinks import SinkStatus
+
+SILENT_S = {"imu": 1.0, "usbl": 60.0}
+"""Silence of an open line after which its device is called silent; USBL may interrogate slowly."""
+FLOWING_S = 3.0
+"""A solution, or the last inertial data, younger than this counts as flowing."""
+
+_log = logging.getLogger(__name__)
+
+
+class DeviceReport(msgspec.Struct, frozen=True):
+    """One device: its line, and what became of its bytes."""
+
+    kind: str
+    codec: str
+    silent_s: float | None
+    bytes: int
+    records: int
+    measurements: int
+    rejected: dict[str, int]
+    rejected_bytes: int
+    ignored: dict[str, int]
+    gaps: int
+    missing: int
+    refused_datagrams: int
+    dropped_bytes: int
+    kernel_dropped: int
+
+
+class HealthReport(msgspec.Struct, frozen=True):
+    """The daemon's status, as published on Zenoh."""
+
+    vehicle: str
+    t_s: float
+    up_s: float
+    mode: Mode
+    fix_age_s: float | None
+    devices: dict[str, DeviceReport]
+    filter: HostStatus
+    totals: FilterCounts | None
+    outputs: list[SinkStatus]
+
+
+@dataclass
+class Line:
+    """One device as the daemon runs it."""
+
+    name: str
+    kind: str
+    codec: str
+    intake: Intake
+    link: LinkCounts = field(default_factory=LinkCounts)
+    heard_at: float | None = None
+    said_silent: bool = False
+
+    def report(self, now: float) -> DeviceReport:
+        """Counts of the device and of its link."""
+        counts, link = self.intake.counts, self.link
+        return DeviceReport(
+            kind=self.kind,
+            codec=self.codec,
+            silent_s=None if self.heard_at is None else round(now - self.heard_at, 2),
+            bytes=counts.bytes,
+            records=counts.records,
+            measurements=counts.measurements,
+            rejected=dict(counts.rejected),
+            rejected_bytes=counts.rejected_bytes,
+            ignored=dict(counts.ignored),
+            gaps=counts.gaps,
+            missing=counts.missing,
+            refused_datagrams=link.refused,
+            dropped_bytes=link.dropped_bytes,
+            kernel_dropped=link.kernel_dropped,
+        )
+
+    def watch(self, now: float) -> None:
+        """Say once that a device fell silent, and once that it is back."""
+        silent = self.heard_at is not None and now - self.heard_at > SILENT_S[self.kind]
+        if silent and not self.said_silent and self.heard_at is not None:
+            _log.warning("%s: silent for %.0f s", self.name, now - self.heard_at)
+        elif self.said_silent and not silent:
+            _log.info("%s: speaks again", self.name)
+        self.said_silent = silent
+
+
+class Health:
+    """Gathers what the parts count, and knows whether solutions flow as they should."""
+
+    def __init__(
+        self, vehicle: str, lines: Sequence[Line], host: FilterHost, feeds: Sequence[Feed]
+    ) -> None:
+        self._vehicle = vehicle
+        self._lines = lines
+        self._host = host
+        self._feeds = feeds
+        self._begun = time.monotonic()
+        self._solved_at = self._begun
+        self._nav: NavReport | None = None
+        self.totals: FilterCounts | None = None
+
+    def solved(self, nav: NavReport) -> None:
+        """Note a solution; a change of mode is said."""
+        before = Mode.INVALID if self._nav is None else self._nav.mode
+        if nav.mode != before:
+            _log.info("navigation: %s (was %s)", nav.mode.value, before.value)
+        self._nav = nav
+        self._solved_at = time.monotonic()
+
+    def is_flowing(self) -> bool:
+        """Whether solutions come, or there is nothing to make them of.
+
+        A pulled IMU cable is no reason to start the gateway again; inertial data without solutions
+        is.
+        """
+        now = time.monotonic()
+        if now - self._solved_at < FLOWING_S:
+            return True
+        heard = [ln.heard_at for ln in self._lines if ln.kind == "imu" and ln.heard_at is not None]
+        return all(now - at > FLOWING_S for at in heard)
+
+    def watch(self) -> None:
+        """Raise the alarms that time brings."""
+        now = time.monotonic()
+        for line in self._lines:
+            line.watch(now)
+
+    def report(self) -> HealthReport:
+        """Everything, now."""
+        now = time.monotonic()
+        stale = self._nav is None or now - self._solved_at > FLOWING_S
+        return HealthReport(
+            vehicle=self._vehicle,
+            t_s=time.time(),
+            up_s=round(now - self._begun, 1),
+            mode=Mode.INVALID if stale or self._nav is None else self._nav.mode,
+            fix_age_s=None if self._nav is None else self._nav.fix_age_s,
+            devices={line.name: line.report(now) for line in self._lines},
+            filter=self._host.status,
+            totals=self.totals,
+            outputs=[feed.status() for feed in self._feeds],
+        )
+
+    def line(self) -> str:
+        """One line for the service manager."""
+        report = self.report()
+        totals = report.totals
+        fixes = f"{totals.fixes_used} fixes used, {totals.fixes_gated} refused" if totals else ""
+        return f"{report.mode.value}; {fixes or 'no solution yet'}"
