@@ -154,7 +154,7 @@ class _Run:
         if self.scenario.start != "now":
             lead = self.scenario.start - now_unix
             if lead < 0.0:
-                self.say("start: is over, begins now")
+                self.say(f"start: {self.scenario.start} is over; begins now")
                 lead = _LEAD_S
         self.say(f"start: {now_unix + lead:.3f}")
         return now_unix + lead, now + lead

@@ -1,7 +1,5 @@
 """The emulator's bytes: captures read by dpkt, live frames on real sockets and terminals."""
 
-import io
-import itertools
 import os
 import select
 import socket
@@ -15,20 +13,15 @@ import pytest
 
 from drivers import registry
 from drivers.records import ImuRecord, UsblRecord
-from gateway.config.blocks import Config
 from gateway.emulator import twin
 from gateway.emulator.acoustics import measure
 from gateway.emulator.pcap import ipv4_udp
 from gateway.emulator.player import emulate
-from gateway.emulator.ports import open_port, paced
-from gateway.emulator.scenario import PtyPort, SerialPort, TcpServerPort, codec_options
+from gateway.emulator.scenario import codec_options
 from gateway.emulator.sensors import ImuErrorSource, increments
-from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
-from gateway.emulator.truth import TruthFile, TruthWriter
+from gateway.emulator.truth import TruthFile
 from gateway.errors import ConfigError, UsblnavError
-from gateway.nav import earth
-from gateway.schema import build
 from tests.gateway.emulated import START, demo_data, make
 
 SILENT = {"say": lambda _line: None}
@@ -255,6 +248,18 @@ class TestLive:
         took = datagrams.heard[999][0] - datagrams.heard[0][0]
         assert took == pytest.approx(999 / 200.0 / 5.0, abs=0.2)
 
+    def test_a_start_to_come_is_waited_for(self):
+        receiver, port = free_udp()
+        data = demo_data() | {"start": time.time() + 0.5, "duration_s": 0.05}
+        data["devices"]["imu0"]["port"]["port"] = port
+        data["devices"] = {"imu0": data["devices"]["imu0"]}
+        with Listener(receiver.fileno()) as datagrams:
+            report = emulate(make(data), **SILENT)
+            datagrams.wait_for(10)
+        receiver.close()
+        assert report.start_unix_s == pytest.approx(data["start"], abs=1e-6)
+        assert 0.005 < datagrams.heard[0][0] - data["start"] < 0.2
+
     def test_a_port_that_does_not_open_is_one_line(self):
         data = demo_data()
         data["devices"]["usbl0"]["port"] = {"type": "serial", "port": "/nowhere/ttyS0"}
@@ -262,160 +267,3 @@ class TestLive:
             UsblnavError, match=r"^serial /nowhere/ttyS0 \(9600 baud\): No such file"
         ):
             emulate(make(data), **SILENT)
-
-
-class TestPorts:
-    def test_a_serial_line_takes_its_time(self):
-        port = PtyPort(symlink="unused", baud=9600)
-        sentence = bytes(range(40))
-        pieces = list(paced([Emission(1.0, "u", sentence), Emission(1.01, "u", sentence)], port))
-        assert b"".join(p.data for p in pieces) == sentence * 2
-        assert pieces[-1].t == pytest.approx(1.0 + 80 * 10 / 9600)
-        assert [p.last for p in pieces].count(True) == 2
-        assert all(b.t > a.t for a, b in itertools.pairwise(pieces))
-
-    def test_a_terminal_nobody_reads_keeps_nothing(self, tmp_path):
-        port = open_port(PtyPort(symlink=str(tmp_path / "tty")))
-        port.send(b"old news")
-        fd = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
-        port.send(b"news\r\n")
-        assert os.read(fd, 100) == b"news\r\n"
-        assert port.dropped_bytes == 8
-        os.close(fd)
-        port.close()
-
-    def test_a_terminal_with_a_stalled_reader_never_blocks(self, tmp_path):
-        port = open_port(PtyPort(symlink=str(tmp_path / "tty")))
-        fd = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
-        for _ in range(200):
-            port.send(bytes(1000))
-        assert 0 < port.dropped_bytes < 200_000
-        os.close(fd)
-        port.close()
-
-    def test_a_terminal_replaces_a_link_but_never_a_file(self, tmp_path):
-        place = tmp_path / "tty"
-        first, second = (open_port(PtyPort(symlink=str(place))) for _ in range(2))
-        first.close()
-        assert place.exists(), "the link is the second's now"
-        second.close()
-        place.write_text("precious")
-        with pytest.raises(UsblnavError, match="exists and is no symlink"):
-            open_port(PtyPort(symlink=str(place)))
-        assert place.read_text() == "precious"
-
-    def test_a_real_serial_port_is_set_raw(self):
-        near, far = os.openpty()
-        port = open_port(SerialPort(port=os.ttyname(far), baud=115200))
-        port.send(b"a\nb\r\n")
-        assert os.read(near, 100) == b"a\nb\r\n"
-        port.close()
-        os.close(near)
-        os.close(far)
-
-    def test_a_rate_no_uart_has(self):
-        with pytest.raises(UsblnavError, match="12345 baud is not a rate"):
-            open_port(SerialPort(port="/dev/null", baud=12345))
-
-    def test_tcp_serves_many_and_forgets_who_left(self):
-        number = free_tcp_port()
-        port = open_port(TcpServerPort(port=number))
-        port.send(b"nobody")
-        clients = [socket.create_connection(("127.0.0.1", number), 5.0) for _ in range(2)]
-        port.send(b"one")
-        assert [c.recv(10) for c in clients] == [b"one", b"one"]
-        clients[0].close()
-        while port.dropped_bytes == 6:
-            port.send(b"two")
-        assert clients[1].recv(3) == b"two"
-        clients[1].close()
-        port.close()
-
-
-def free_tcp_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
-
-
-class TestTruth:
-    def test_what_is_read_while_it_grows_is_the_trajectory(self, tmp_path):
-        scenario = make(demo_data())
-        trajectory = Trajectory(scenario.trajectory, 100.0)
-        path = tmp_path / "truth.csv"
-        reader = TruthFile(path)
-        assert reader.at(START) is None
-        with path.open("w") as file:
-            writer = TruthWriter(file, trajectory, START)
-            for t in (0.0, 3.33, 47.77):
-                writer.write_until(t)
-                row = reader.at(START + t)
-                g = trajectory.geodetic(np.array([t]))
-                assert row.lat_deg == pytest.approx(np.rad2deg(g.lat[0]), abs=1e-7)
-                assert row.height_m == pytest.approx(g.h[0], abs=1e-3)
-                assert row.vn_m_s == pytest.approx(g.v_eb_n[0, 0], abs=1e-3)
-                difference = row.heading_deg - np.rad2deg(g.heading[0])
-                assert abs((difference + 180) % 360 - 180) < 1e-2
-            assert reader.at(START + 60.0) is None
-
-    def test_heading_is_interpolated_across_north(self, tmp_path):
-        data = demo_data()
-        data["trajectory"] |= {"sway": {}, "start_bearing_deg": 90.05}
-        trajectory = Trajectory(make(data).trajectory, 10.0)
-        out = io.StringIO()
-        TruthWriter(out, trajectory, 0.0).write_until(2.0)
-        (tmp_path / "t.csv").write_text(out.getvalue())
-        reader = TruthFile(tmp_path / "t.csv")
-        for t in np.linspace(0.0, 1.0, 41):
-            exact = np.rad2deg(trajectory.geodetic(np.array([t])).heading[0])
-            assert abs((reader.at(t).heading_deg - exact + 180) % 360 - 180) < 1e-3
-
-
-class TestScenario:
-    def write(self, tmp_path, text):
-        path = tmp_path / "scenario.yaml"
-        path.write_text(text)
-        return path
-
-    def test_the_packaged_scenario_is_sound_and_its_twin_too(self):
-        scenario = twin.load(twin.DEMO)
-        faults: list[str] = []
-        config = build(Config, twin.gateway_config(scenario), faults)
-        assert not faults
-        assert config is not None
-        assert config.devices["usbl0"].link.port == "/tmp/usblnav-usbl0"
-
-    def test_first_state_is_the_truth_with_errors_of_its_sigma(self):
-        offsets = []
-        for seed in range(200):
-            scenario = make(demo_data() | {"seed": seed})
-            initial = twin.gateway_config(scenario)["initial"]
-            g = Trajectory(scenario.trajectory, 1.0).geodetic(np.zeros(1))
-            lat, lon = np.deg2rad([initial["lat_deg"], initial["lon_deg"]])
-            r_true = earth.lla_to_ecef(g.lat[0], g.lon[0], g.h[0])
-            d = earth.lla_to_ecef(lat, lon, initial["height_m"]) - r_true
-            offsets.append(earth.C_en(g.lat[0], g.lon[0]).T @ d)
-        assert np.std(offsets, axis=0) == pytest.approx([5.0, 5.0, 1.0], rel=0.15)
-
-    @pytest.mark.parametrize(
-        ("old", "new", "fault"),
-        [
-            ("seed: 1", "sead: 1", "sead: unknown key; did you mean seed?"),
-            ("type: circle", "type: figure8", "trajectory.type: unknown type"),
-            ("codec: kvh1750", "codec: kvh1751", "devices.imu0.codec: no codec is called"),
-            (
-                "codec: tracklink-lxt",
-                "codec: kvh1750",
-                "devices.usbl0.codec: kvh1750 is of kind imu",
-            ),
-            ("codec: tracklink-lxt", "codec: tracklink-gll", "devices.usbl0.codec: beacon 1:"),
-            ("accel: g}", "accel: furlong}", "devices.imu0.options.accel: expected one of"),
-            ('"1": {', '"north-east": {', "devices.usbl0.codec: beacon north-east:"),
-            ("period_s: 2.0", "period_s: 0", "devices.usbl0.period_s: expected a number > 0"),
-        ],
-    )
-    def test_faults_are_named_by_their_place(self, tmp_path, old, new, fault):
-        text = twin.DEMO.read_text()
-        assert old in text
-        with pytest.raises(ConfigError) as caught:
-            twin.load(self.write(tmp_path, text.replace(old, new)))
-        assert any(line.startswith(fault) for line in caught.value.faults), caught.value.faults
