@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import version
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Exit code: 0 done, 1 failed while running, 2 unusable arguments or configuration, 130
     interrupted.
     """
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be any bytes
     arguments = _parser().parse_args(argv)
     try:
         # Each command is a module, imported on use: `check` and `--help` need no numpy.

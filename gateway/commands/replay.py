@@ -35,8 +35,13 @@ def run(arguments: Namespace) -> int:
 
 def _lines(block: dict[str, Any], indent: str = "") -> Iterator[str]:
     for key, value in block.items():
-        if isinstance(value, dict):
-            yield f"{indent}{key}:"
-            yield from _lines(value, indent + "  ")
-        else:
-            yield f"{indent}{key}: {f'{value:.6g}' if isinstance(value, float) else value}"
+        match value:
+            case {"value": float(mean), "sigma": float(sigma)}:
+                yield f"{indent}{key}: {mean:.4g} (sigma {sigma:.2g})"
+            case dict() if value:
+                yield f"{indent}{key}:"
+                yield from _lines(value, indent + "  ")
+            case float():
+                yield f"{indent}{key}: {value:.6g}"
+            case _:
+                yield f"{indent}{key}: {value or 0}"

@@ -1,6 +1,7 @@
 """The command as a user meets it: a real process, its output, its exit code, never a traceback."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -130,6 +131,14 @@ def test_check_of_a_good_file_shows_what_it_sets_up() -> None:
         "  output: NMEA 0183 to UDP 127.0.0.1:10110, 1 Hz",
         "  output: Zenoh usblnav/demo/, 10 Hz",
     ]
+
+
+def test_a_file_name_may_be_any_bytes(tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path) + b"/\xff.yaml"
+    Path(os.fsdecode(path)).write_bytes((ROOT / "config.yaml").read_bytes())
+    done = usblnav("check", os.fsdecode(path))
+    assert done.returncode == 0
+    assert lines(done.stdout)[0].endswith("\\udcff.yaml: no faults")
 
 
 @pytest.mark.parametrize(

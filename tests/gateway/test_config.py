@@ -308,6 +308,39 @@ def test_accepted(tmp_path: Path, edits: list[tuple[str, Any]]) -> None:
     assert isinstance(load(written(tmp_path, edited(*edits))), Config)
 
 
+@pytest.mark.parametrize(
+    ("document", "fault"),
+    [("", "nothing"), ("- 1", "a list"), ("usblnav", '"usblnav"')],
+)
+def test_a_file_that_is_no_block(tmp_path: Path, document: str, fault: str) -> None:
+    path = written(tmp_path, document)
+    assert faults_of(path) == [f"expected a block of keys, got {fault}"]
+
+
+def test_checks_across_blocks_pass_over_what_is_named_already(tmp_path: Path) -> None:
+    """A block that cannot be read is one fault, not a second one elsewhere."""
+    path = written(
+        tmp_path,
+        edited(
+            ("devices.imu0.codec", 5),
+            ("devices.imu0.clock", "device"),
+            ("devices.usbl0.link", "serial"),
+            ("filter", []),
+            ("beacons", 1),
+            ("outputs", [NMEA_TCP, {"type": "nmea", "link": 5}, "zenoh"]),
+        ),
+    )
+    assert faults_of(path) == [
+        "devices.imu0.codec: expected text, got 5 (put it in quotes)",
+        'devices.imu0.clock: expected a block of keys, got "device"',
+        'devices.usbl0.link: expected a block of keys, got "serial"',
+        "beacons: expected a block of keys, got 1",
+        "filter: expected a block of keys, got a list",
+        "outputs[1].link: expected a block of keys, got 5",
+        'outputs[2]: expected a block of keys, got "zenoh"',
+    ]
+
+
 def test_numbers_as_beacon_names_are_text(tmp_path: Path) -> None:
     text = json.dumps(GOOD).replace('"1":', "007:")
     assert list(load(written(tmp_path, text)).beacons) == ["007"]
