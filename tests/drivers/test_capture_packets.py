@@ -126,6 +126,9 @@ def test_lengths_that_contradict_each_other_are_damage() -> None:
         frame = bytearray(ethernet(udp4(b"payload")))
         frame[38:40] = struct.pack(">H", length)
         assert decode(1, bytes(frame)) is Skipped.DAMAGED
+    padded = bytearray(ethernet(udp4(b"payload")).ljust(80, b"\0"))
+    padded[38:40] = struct.pack(">H", 16)
+    assert decode(1, bytes(padded)) is Skipped.DAMAGED  # reaches into the padding
     for version in (0x44, 0x55, 0x4F):
         frame = bytearray(ethernet(udp4(b"payload")))
         frame[14] = version
@@ -171,6 +174,8 @@ def fragments4(size: int, pieces: int, identification: int = 9) -> list[bytes]:
 
 def feed(fragments: Fragments, frame: bytes, t_ns: int = 0) -> object:
     content = decode(101, frame)
+    kind = b"\x08\x00" if frame[0] >> 4 == 4 else b"\x86\xdd"
+    assert content == decode(1, bytes(12) + kind + frame)
     assert isinstance(content, Fragment)
     return fragments.add(content, t_ns)
 
@@ -186,6 +191,24 @@ def test_fragments_in_any_order_with_repetitions(seed: int) -> None:
     whole = feed(fragments, frames[-1])
     assert whole == Datagram(A4, B4, 4000, 7001, expected)
     assert len(fragments) == 0
+
+
+def test_a_later_fragment_that_looks_like_a_datagram_is_none() -> None:
+    ip = udp4(b"looks whole")
+    ip.offset = 8
+    assert decode(1, ethernet(ip)) == Fragment(A4, B4, 17, 0, 64, False, bytes(ip)[20:])
+
+
+def test_fragments_that_overlap() -> None:
+    ip = udp4(bytes(range(200)))
+    body = bytes(ip)[20:]
+    fragments = Fragments()
+    results = []
+    for start, end in ((48, 104), (0, 64), (96, len(body))):
+        more = end < len(body)
+        part = Fragment(A4, B4, 17, 3, start, more, body[start:end])
+        results.append(fragments.add(part, 0))
+    assert results == [None, None, Datagram(A4, B4, 4000, 7001, bytes(range(200)))]
 
 
 def test_ipv6_fragments() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.links import Chunk, LinkCounts, LinkLost, open_link
+from drivers.links import Chunk, LinkCounts, LinkLost, open_link, udp
 from drivers.links.base import CHUNK_OVERHEAD, Link
 from drivers.settings import UdpLink
 from drivers.sources import address_faults
@@ -103,6 +103,44 @@ async def test_a_multicast_group_is_joined_and_nothing_else_gets_in(sender: sock
             assert (await take(link, 1))[0].data == b"group"
 
 
+async def test_joining_again_does_no_harm(
+    sender: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(udp, "REJOIN_S", 0.001)
+    port = free_port("0.0.0.0")
+    sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+    async with open_link(UdpLink(port=port, group="239.192.7.1")) as link:
+        for n in range(10):
+            await asyncio.sleep(0.002)
+            sender.sendto(bytes([n]), ("239.192.7.1", port))
+        assert [chunk.data[0] for chunk in await take(link, 10)] == list(range(10))
+
+
+def multicast_sender6() -> tuple[socket.socket, str, int]:
+    """A socket that sends to IPv6 groups on an interface with such a route; never off this host."""
+    for index, name in socket.if_nameindex():
+        six = socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)
+        six.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, 0)
+        six.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, index)
+        try:
+            six.sendto(b"", ("ff12::7001", 9, 0, index))
+        except OSError:
+            six.close()
+        else:
+            return six, name, index
+    pytest.skip("no interface with a route for IPv6 multicast")
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
+async def test_an_ipv6_group_is_joined_on_its_interface() -> None:
+    port = free_port("::1")
+    six, name, index = multicast_sender6()
+    with six:
+        async with open_link(UdpLink(port=port, group=f"ff12::7001%{name}")) as link:
+            six.sendto(b"six", ("ff12::7001", port, 0, index))
+            assert (await take(link, 1))[0].data == b"six"
+
+
 async def test_broadcasts_are_heard_on_the_wildcard(sender: socket.socket) -> None:
     port = free_port("0.0.0.0")
     sender.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -153,22 +191,21 @@ async def test_kernel_drops_are_counted_exactly(sender: socket.socket) -> None:
     port = free_port()
     counts = LinkCounts()
     async with open_link(UdpLink(port=port), counts) as link:
-        sent = 0
-        while sent < 20_000:  # more than any receive buffer holds, with the loop not running
-            sender.sendto(b"x" * 1000, ("127.0.0.1", port))
-            sent += 1
-        first = await take(link, 1)
-        await drained(link, counts)
-        sender.sendto(b"last", ("127.0.0.1", port))  # carries the final count
-        while (await take(link, 1))[0].data != b"last":
-            pass
-    assert first[0].data == b"x" * 1000
-    assert counts.kernel_dropped > 0
-    assert counts.chunks + counts.kernel_dropped == sent + 1
+        dropped = []
+        for _ in range(2):
+            for _ in range(20_000):  # more than any receive buffer holds; the loop does not run
+                sender.sendto(b"x" * 1000, ("127.0.0.1", port))
+            await drained(counts)
+            sender.sendto(b"last", ("127.0.0.1", port))  # carries the count up to here
+            while (await take(link, 1))[0].data != b"last":
+                pass
+            dropped.append(counts.kernel_dropped)
+    assert 0 < dropped[0] < dropped[1]
+    assert counts.chunks + counts.kernel_dropped == 2 * 20_001
 
 
-async def drained(link: Link, counts: LinkCounts) -> None:
-    """Wait until the loop has turned often without anything new having come."""
+async def drained(counts: LinkCounts) -> None:
+    """Turn the loop until nothing new comes."""
     before = -1
     while before != counts.chunks:
         before = counts.chunks
