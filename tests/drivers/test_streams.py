@@ -24,7 +24,7 @@ JUNK = {
 
 
 def damaged(frames: list[bytes]) -> st.SearchStrategy[bytes]:
-    """A frame with a byte changed, a piece of a frame, or noise."""
+    """A frame, one with a byte changed, a piece of one, noise, or a line too long."""
     frame = st.sampled_from(frames)
     changed = st.builds(
         lambda whole, at, by: whole[: at % len(whole)] + by + whole[at % len(whole) + 1 :],
@@ -33,7 +33,8 @@ def damaged(frames: list[bytes]) -> st.SearchStrategy[bytes]:
         st.binary(min_size=1, max_size=1),
     )
     piece = st.builds(lambda whole, at: whole[: at % len(whole)], frame, st.integers(0, 10_000))
-    return st.one_of(frame, changed, piece, st.binary(max_size=80))
+    long_line = st.integers(900, 1200).map(lambda length: b"#" * length)
+    return st.one_of(frame, changed, piece, st.binary(max_size=80), long_line)
 
 
 def cut(stream: bytes, places: list[int]) -> list[bytes]:
