@@ -10,8 +10,8 @@ import asyncio
 import json
 import logging
 import re
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ import zenoh
 from zenoh import ext
 
 from gateway.config import ZenohOutput
+from gateway.errors import UsblnavError
 from gateway.outputs.background import in_thread
 from gateway.outputs.sinks import SinkStatus
 
@@ -202,3 +203,38 @@ def _plain(error: zenoh.ZError) -> str:
     text = re.sub(r" at \S+\.rs:\d+\.?", "", str(error))
     inner = re.search(r'msg: "([^"]*)"', text)
     return inner[1] if inner else text
+
+
+@contextmanager
+def open_subscription(
+    endpoint: str, key: str, on_payload: Callable[[bytes], None]
+) -> Iterator[None]:
+    """Hear a key of another process for as long as the body runs, its last value first.
+
+    Parameters
+    ----------
+    endpoint
+        Where that process listens, ``tcp/host:port``.
+    on_payload
+        Called from a thread of Zenoh's.
+
+    Raises
+    ------
+    UsblnavError
+        If nobody answers there.
+    """
+    settings = ZenohOutput(mode="client", connect=(endpoint,))
+    try:
+        session = zenoh.open(_configuration(settings))
+    except zenoh.ZError as error:
+        raise UsblnavError(f"zenoh {endpoint}: {_plain(error)}") from error
+    try:
+        ext.declare_advanced_subscriber(
+            session,
+            key,
+            lambda sample: on_payload(sample.payload.to_bytes()),
+            history=ext.HistoryConfig(detect_late_publishers=True),
+        )
+        yield
+    finally:
+        session.close()
