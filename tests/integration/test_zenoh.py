@@ -18,9 +18,11 @@ import pytest
 
 from gateway.config import ZenohOutput
 from gateway.messages import Calibration, Constant
-from gateway.outputs.schema import NavReport, calibration_report, nav_report
+from gateway.outputs.schema import calibration_report, nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
+
+ROOT = Path(__file__).resolve().parents[2]
 
 OTHER = """
 import json, sys, threading, time
@@ -111,14 +113,18 @@ async def other(*arguments: str) -> AsyncIterator[Other]:
         assert await asyncio.wait_for(process.wait(), 15) == 0
 
 
-async def hear_nav(
-    publisher: ZenohPublisher, program: Other, report: NavReport | None = None
-) -> dict[str, Any]:
+async def publish_until(publisher: ZenohPublisher, hearing: asyncio.Task[Any]) -> None:
     """Publish until the other program, whose declaration takes its time, has heard."""
+    async with asyncio.timeout(15):
+        while not hearing.done():
+            publisher.publish("nav", nav_report(solution(), OFFSET_NS))
+            await asyncio.wait([hearing], timeout=0.05)
+
+
+async def hear_nav(publisher: ZenohPublisher, program: Other) -> dict[str, Any]:
+    """Publish until the other program has heard; what it says."""
     hearing = asyncio.create_task(program.hear())
-    while not hearing.done():
-        publisher.publish("nav", report or nav_report(solution(), OFFSET_NS))
-        await asyncio.wait([hearing], timeout=0.05)
+    await publish_until(publisher, hearing)
     return hearing.result()
 
 
@@ -136,6 +142,25 @@ async def test_another_process_sees_the_solution(
         data = json.loads(heard["payload"])
         assert (data["lat_deg"], data["mode"]) == (pytest.approx(39.8), "aided")
         assert publisher.status().dropped == 0
+
+
+async def test_the_documented_subscriber_hears_the_vehicle() -> None:
+    text = (ROOT / "docs/outputs.md").read_text()
+    match = re.search(r"(?s)^python - <<'END'\n(.*?)^END$", text, re.MULTILINE)
+    assert match is not None
+    endpoint = free_endpoint()
+    program = match[1].replace("tcp/127.0.0.1:7447", endpoint)
+    assert endpoint in program
+    async with open_publisher(peer(endpoint), "auv1") as publisher:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE
+        )
+        assert process.stdout is not None
+        hearing = asyncio.create_task(process.stdout.readline())
+        await publish_until(publisher, hearing)
+        process.kill()
+        await process.communicate()
+    assert hearing.result().startswith(b'usblnav/auv1/nav {"utc_ns":')
 
 
 async def test_a_late_subscriber_gets_the_last_of_each_key_at_once() -> None:
@@ -269,12 +294,11 @@ asyncio.run(main())
 
 
 def daemon(**settings: object) -> "subprocess.Popen[str]":
-    root = Path(__file__).resolve().parents[2]
     return subprocess.Popen(
         [sys.executable, "-c", DAEMON, json.dumps({"type": "zenoh", **settings})],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(root)},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
 
 
