@@ -184,6 +184,9 @@ def _add_emulate(commands: Any) -> None:
     )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true motion")
     parser.add_argument(
+        "--duration", type=_positive, metavar="S", help="seconds (default: the scenario's)"
+    )
+    parser.add_argument(
         "--speed", type=_positive, default=1.0, metavar="X", help="times real time (default: 1)"
     )
 

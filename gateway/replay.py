@@ -74,9 +74,7 @@ class _Span:
         self._first_ns: int | None = None
         self._last_ns = 0
 
-    def watch(
-        self, payloads: Iterable[tuple[str, bytes, int]]
-    ) -> Iterator[tuple[str, bytes, int]]:
+    def watch(self, payloads: Iterable[tuple[str, bytes, int]]) -> Iterator[tuple[str, bytes, int]]:
         for payload in payloads:
             if self._first_ns is None:
                 self._first_ns = payload[2]

@@ -3,7 +3,7 @@
 from argparse import Namespace
 from typing import get_args, get_type_hints
 
-from gateway.config import Filter, unavailable
+from gateway.config import Filter
 from gateway.errors import ConfigError
 from gateway.schema import suggest
 
@@ -14,8 +14,6 @@ def run(arguments: Namespace) -> int:
     names = get_args(get_type_hints(Filter)["error"])
     if name not in names:
         raise ConfigError(f"--filter: no filter is called {name}; {suggest(name, names)}")
-    if fault := unavailable("filter.error", name):
-        raise ConfigError(f"--filter: {fault}")
     from gateway import demo  # after the check: it takes a second to import
 
     demo.run(arguments.duration, name)

@@ -5,6 +5,8 @@ import threading
 from argparse import Namespace
 from types import FrameType
 
+import msgspec
+
 from gateway.emulator import player, twin
 from gateway.errors import ConfigError
 
@@ -13,6 +15,8 @@ def run(arguments: Namespace) -> int:
     """Play the scenario to its end, or until SIGINT or SIGTERM."""
     path = arguments.config or twin.DEMO
     scenario = twin.load(path)
+    if arguments.duration is not None:
+        scenario = msgspec.structs.replace(scenario, duration_s=arguments.duration)
     if arguments.pcap is not None and arguments.speed != 1.0:
         raise ConfigError("--speed: a capture is written as fast as the machine can")
     stop = threading.Event()
@@ -38,7 +42,8 @@ def _lines(report: player.Report) -> list[str]:
     lines = []
     for name, sent in report.devices.items():
         lost = f", {sent.dropped_bytes} bytes taken by nobody" if sent.dropped_bytes else ""
-        lines.append(f"{name}: {sent.frames} frames, {sent.bytes} bytes{lost}")
+        unsayable = f", {sent.unsayable} that the format cannot say" if sent.unsayable else ""
+        lines.append(f"{name}: {sent.frames} frames, {sent.bytes} bytes{lost}{unsayable}")
     if report.lateness_ms is not None:
         p50, p99, most = report.lateness_ms
         lines.append(f"frames late by {p50:.2f} ms (median), {p99:.2f} (99 %), {most:.2f} (worst)")

@@ -13,7 +13,6 @@ from gateway.config.blocks import Config, Device, ImuDevice, UsblDevice, ZenohOu
 from gateway.schema import build, known
 
 NOT_YET: dict[str, tuple[str, ...]] = {
-    "filter.error": ("left_invariant", "additive"),
     "filter.coupling": ("loose",),
     "clock.source": ("pps",),
 }
@@ -44,6 +43,12 @@ def _one_imu(config: Config) -> Iterator[str]:
         yield f"devices: {', '.join(imus)} are all of kind imu; exactly one is needed"
     elif not imus and known(*config.devices.values()):
         yield "devices: none is of kind imu; exactly one is needed"
+
+
+def _one_array(config: Config) -> Iterator[str]:
+    arrays = [n for n, device in _readable(config).items() if isinstance(device, UsblDevice)]
+    if len(arrays) > 1:
+        yield f"devices: {', '.join(arrays)} are all of kind usbl; only one is available yet"
 
 
 def _codecs(config: Config) -> Iterator[str]:
@@ -169,7 +174,6 @@ def _not_yet(config: Config) -> Iterator[str]:
         if known(device.clock)
     ]
     if known(config.filter):
-        choices.append(("filter.error", "filter.error", config.filter.error))
         choices.append(("filter.coupling", "filter.coupling", config.filter.coupling))
     for path, key, value in choices:
         fault = unavailable(key, value)
@@ -179,6 +183,7 @@ def _not_yet(config: Config) -> Iterator[str]:
 
 _CHECKS = (
     _one_imu,
+    _one_array,
     _codecs,
     _beacons,
     _latencies,

@@ -59,7 +59,7 @@ def _on_terminal(
         return lines.show, console.print
     said: deque[str] = deque(maxlen=SAID)
     live = stack.enter_context(Live(console=console, refresh_per_second=4, transient=True))
-    return lambda: live.update(_screen(stage, viewer, said)), said.append
+    return lambda: live.update(screen(stage, viewer, said)), said.append
 
 
 class _Lines:
@@ -87,7 +87,7 @@ def _line(sample: Sample) -> str:
     )
 
 
-def _screen(stage: Stage, viewer: Viewer, said: deque[str]) -> Group:
+def screen(stage: Stage, viewer: Viewer, said: deque[str]) -> Group:
     """The live screen."""
     grid = Table.grid(padding=(0, 2))
     grid.add_column(justify="right", style="dim")

@@ -188,12 +188,15 @@ class _Noise:
 
 def _draw_noise(scenario: Scenario, name: str, model: UsblModel, n: int) -> _Noise:
     """White noise, multipath and missed replies; the same draws whatever is switched on."""
-    rng = generator(scenario.seed, name, "noise")
-    white = rng.standard_normal((n, 3))
-    outlier = rng.random(n) < model.outliers.probability
-    heard = rng.random(n) >= model.missed_probability
-    longer = model.outliers.extra_range_m * rng.standard_exponential(n)
-    aside = np.deg2rad(model.outliers.angle_deg) * rng.standard_normal((n, 2))
+
+    def rng(what: str) -> np.random.Generator:  # one each: a longer run begins like a shorter one
+        return generator(scenario.seed, name, what)
+
+    white = rng("noise").standard_normal((n, 3))
+    outlier = rng("outlier").random(n) < model.outliers.probability
+    heard = rng("missed").random(n) >= model.missed_probability
+    longer = model.outliers.extra_range_m * rng("longer").standard_exponential(n)
+    aside = np.deg2rad(model.outliers.angle_deg) * rng("aside").standard_normal((n, 2))
     return _Noise(
         bearing=np.deg2rad(model.noise.bearing_deg) * white[:, 0] + outlier * aside[:, 0],
         elevation=np.deg2rad(model.noise.elevation_deg) * white[:, 1] + outlier * aside[:, 1],

@@ -82,7 +82,7 @@ initial:
   height_m: 0
   attitude_deg: [0, 0, north]
   sigma: {position_m: [5, 5, -1], velocity_m_s: 0.2, attitude_deg: [1, 1, 2]}
-filter: {error: additive, couplign: loose}
+filter: {couplign: loose}
 outputs:
   - {type: zenoh, rate_hz: 10}
   - {type: nmea, link: {type: tcp, port: 0}, sentences: [GGA, GSV]}
@@ -108,7 +108,6 @@ outputs[1].link.port: expected an integer from 1 to 65535, got 0
 outputs[1].sentences[1]: expected one of GGA, GLL, GST, HDT, PUNAV, RMC, THS, VTG, ZDA, got "GSV"
 devices.imu0.codec: no codec is called "kvh1751"; did you mean kvh1750?
 beacons: missing; devices.usbl0 needs at least one
-filter.error: additive is not available yet
 """.splitlines()
 
 
@@ -206,7 +205,6 @@ ONE_FAULT: list[tuple[str, Any, str, str]] = [
     ("beacons.1.lon_deg", 400, "", "expected a number from -180 to 360, got 400"),
     ("sound_speed_m_s", 340, "", "expected a number from 1300 to 1700, got 340"),
     ("filter", {"coupling": "loose"}, ".coupling", "loose is not available yet"),
-    ("filter", {"error": "left_invariant"}, ".error", "left_invariant is not available yet"),
     ("initial", GONE, "", "missing"),
     ("outputs", [{"type": "nmea"}], "[0].link", "missing"),
     ("outputs", "nmea", "", 'expected a list, got "nmea"'),
