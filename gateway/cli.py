@@ -184,6 +184,12 @@ def _add_emulate(commands: Any) -> None:
     )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true motion")
     parser.add_argument(
+        "--gateway-config",
+        type=Path,
+        metavar="FILE.yaml",
+        help="write the gateway's configuration that belongs to the scenario (or to the capture)",
+    )
+    parser.add_argument(
         "--duration", type=_positive, metavar="S", help="seconds (default: the scenario's)"
     )
     parser.add_argument(

@@ -3,12 +3,15 @@
 import signal
 import threading
 from argparse import Namespace
+from pathlib import Path
 from types import FrameType
 
 import msgspec
+import yaml
 
 from gateway.emulator import player, twin
-from gateway.errors import ConfigError
+from gateway.emulator.scenario import Scenario
+from gateway.errors import ConfigError, UsblnavError
 
 
 def run(arguments: Namespace) -> int:
@@ -19,6 +22,8 @@ def run(arguments: Namespace) -> int:
         scenario = msgspec.structs.replace(scenario, duration_s=arguments.duration)
     if arguments.pcap is not None and arguments.speed != 1.0:
         raise ConfigError("--speed: a capture is written as fast as the machine can")
+    if arguments.gateway_config is not None:
+        _write_config(scenario, arguments.gateway_config, arguments.pcap is not None)
     stop = threading.Event()
 
     def end(_signal: int, _frame: FrameType | None) -> None:
@@ -36,6 +41,14 @@ def run(arguments: Namespace) -> int:
     for line in _lines(report):
         print(line)
     return 0
+
+
+def _write_config(scenario: Scenario, path: Path, of_capture: bool) -> None:
+    config = twin.gateway_config(twin.for_capture(scenario) if of_capture else scenario)
+    try:
+        path.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise UsblnavError(f"{path}: cannot write: {error.strerror}") from error
 
 
 def _lines(report: player.Report) -> list[str]:
