@@ -17,11 +17,11 @@ def skew(a: Array) -> Array:
 
 
 def _sine_terms(t: float) -> tuple[float, float, float]:
-    """Give sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, series near zero."""
+    """Give sin(t)/t, (1 - cos t)/t^2 (by the half angle) and (t - sin t)/t^3, series near zero."""
     if t < _SMALL:
         t2 = t * t
         return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
-    return math.sin(t) / t, (1.0 - math.cos(t)) / t**2, (t - math.sin(t)) / t**3
+    return math.sin(t) / t, 2.0 * (math.sin(0.5 * t) / t) ** 2, (t - math.sin(t)) / t**3
 
 
 def exp_so3(phi: Array) -> Array:
