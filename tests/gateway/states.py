@@ -1,0 +1,57 @@
+"""Random navigation states, and derivatives by central differences through a boxplus."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gateway.fusion.errors import FAMILY, ErrorDefinition
+from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL, State
+from gateway.nav import earth
+
+ORIGIN = earth.lla_to_ecef(np.radians(45.0), np.radians(126.0), -20.0)
+NAMES = sorted(FAMILY)
+
+STEPS = np.empty(N_STATES)
+"""Steps of the differences: far above the rounding of Earth-fixed metres (1 nm)."""
+STEPS[ATT], STEPS[VEL], STEPS[POS] = 1e-3, 1e-2, 0.1
+STEPS[BG], STEPS[BA], STEPS[15:] = 1e-4, 1e-2, 1e-4
+
+
+def random_state(rng: np.random.Generator, spread_m: float = 300.0) -> State:
+    """Any attitude, 10 m/s, hundreds of metres from `ORIGIN`, constants that are not small."""
+    C = Rotation.random(rng=rng).as_matrix()
+    r = ORIGIN + rng.normal(0.0, spread_m, 3)
+    state = State.at(C, rng.normal(0.0, 10.0, 3), r, np.eye(N_STATES))
+    state.s_e[:] = rng.normal(0.0, 100.0, 3)
+    state.chain[:] = Rotation.random(rng=rng).as_matrix()
+    state.add_constants(
+        np.concatenate(
+            [rng.normal(0.0, 1e-4, 3), rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.3, 3)]
+            + [rng.normal(0.0, 0.05, 2), rng.normal(0.0, 0.02, 1)]
+        )
+    )
+    return state
+
+
+def error_map(definition: ErrorDefinition, state: State) -> np.ndarray:
+    """(21, 21) matrix T with additive error = T xi."""
+    T = np.eye(N_STATES)
+    T[:9, :9] = definition.to_additive(state, ORIGIN)
+    return T
+
+
+def derivative(
+    h: Callable[[State], np.ndarray], state: State, definition: ErrorDefinition
+) -> np.ndarray:
+    """(m, 21) derivative of `h` by the error of `definition`, fourth-order differences."""
+    columns = []
+    for i, step in enumerate(STEPS):
+        xi = np.zeros(N_STATES)
+
+        def at(k: float, xi=xi, i=i, step=step) -> np.ndarray:
+            xi[i] = k * step
+            return np.asarray(h(definition.boxplus(state, xi, ORIGIN)))
+
+        columns.append((8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * step))
+    return np.column_stack(columns)
