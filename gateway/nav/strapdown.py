@@ -116,13 +116,16 @@ def _cross(a: Array, b: Array, k: float, out: Array) -> None:
 
 @_jit
 def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> None:
-    """Rotation vector and sculling-free velocity increment of a `part` of one sample.  # (M.12)
+    """Rotation vector and velocity increment, in the axes of the start, of a `part` of one sample.
 
-    Biases off, coning and sculling from the sample before; a part of a sample is the same motion
-    for a shorter time, so a measurement may split it anywhere.
+    Biases off, coning and sculling from the sample before, rotation during the part to third
+    order: at 100 Hz in a seaway the last term is worth 0.1 m in 400 s.  # (M.12), (M.13)
+
+    A part of a sample is the same motion for a shorter time, so a measurement may split it anywhere.
     """
     dth, dvl = np.empty(3), np.empty(3)
     dth0, dvl0 = np.empty(3), np.empty(3)
+    turned = np.zeros(3)
     for i in range(3):
         dth[i] = row[1 + i] - x[15 + i] * row[0]
         dvl[i] = row[4 + i] - x[18 + i] * row[0]
@@ -131,7 +134,10 @@ def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> No
         phi[i] = part * dth[i]
         dvs[i] = part * dvl[i]
     _cross(dth0, dth, part / 12.0, phi)
-    _cross(dth, dvl, part * part / 2.0, dvs)
+    _cross(dth, dvl, part * part / 2.0, turned)
+    for i in range(3):
+        dvs[i] += turned[i]
+    _cross(dth, turned, part / 3.0, dvs)
     _cross(dth0, dvl, part / 12.0, dvs)
     _cross(dvl0, dth, part / 12.0, dvs)
 
