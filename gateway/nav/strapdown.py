@@ -121,7 +121,7 @@ def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> No
     Biases off, coning and sculling from the sample before, rotation during the part to third
     order: at 100 Hz in a seaway the last term is worth 0.1 m in 400 s.  # (M.12), (M.13)
 
-    A part of a sample is the same motion for a shorter time, so a measurement may split it anywhere.
+    A part of a sample is the same motion for a shorter time: a measurement may split it anywhere.
     """
     dth, dvl = np.empty(3), np.empty(3)
     dth0, dvl0 = np.empty(3), np.empty(3)

@@ -25,12 +25,8 @@ def random_state(rng: np.random.Generator, spread_m: float = 300.0) -> State:
     state = State.at(C, rng.normal(0.0, 10.0, 3), r, np.eye(N_STATES))
     state.s_e[:] = rng.normal(0.0, 100.0, 3)
     state.chain[:] = Rotation.random(rng=rng).as_matrix()
-    state.add_constants(
-        np.concatenate(
-            [rng.normal(0.0, 1e-4, 3), rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.3, 3)]
-            + [rng.normal(0.0, 0.05, 2), rng.normal(0.0, 0.02, 1)]
-        )
-    )
+    sigma = np.repeat([1e-4, 0.01, 0.3, 0.05, 0.02], [3, 3, 3, 2, 1])
+    state.add_constants(rng.normal(0.0, sigma))
     return state
 
 

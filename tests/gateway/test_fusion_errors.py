@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -11,6 +11,7 @@ from gateway.fusion.state import ATT, N_STATES, POS, VEL
 from gateway.nav.lie import skew
 from tests.gateway.states import NAMES, ORIGIN, derivative, error_map, random_state
 
+patient = settings(deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(NAMES)
 
@@ -37,6 +38,7 @@ def random_error(rng, angle):
     return xi
 
 
+@patient
 @given(seeds, st.floats(0.0, 3.1))
 def test_right_invariant_is_the_exponential_on_the_left(seed, angle):
     rng = np.random.default_rng(seed)
@@ -45,6 +47,7 @@ def test_right_invariant_is_the_exponential_on_the_left(seed, angle):
     np.testing.assert_allclose(group(y), expm(wedge(xi)) @ group(x), atol=3e-8)
 
 
+@patient
 @given(seeds, st.floats(0.0, 3.1))
 def test_left_invariant_is_the_exponential_on_the_right(seed, angle):
     rng = np.random.default_rng(seed)
@@ -53,6 +56,7 @@ def test_left_invariant_is_the_exponential_on_the_right(seed, angle):
     np.testing.assert_allclose(group(y), group(x) @ expm(wedge(xi)), atol=3e-8)
 
 
+@patient
 @given(seeds, st.floats(0.0, 3.1))
 def test_additive_adds_and_turns_on_the_left(seed, angle):
     rng = np.random.default_rng(seed)
@@ -63,6 +67,7 @@ def test_additive_adds_and_turns_on_the_left(seed, angle):
     np.testing.assert_array_equal(y.r_e, x.r_e + xi[POS])
 
 
+@patient
 @given(names, seeds, st.one_of(st.just(0.0), st.floats(0.0, 3.1)))
 def test_boxminus_undoes_boxplus(name, seed, angle):
     rng = np.random.default_rng(seed)
@@ -74,6 +79,7 @@ def test_boxminus_undoes_boxplus(name, seed, angle):
     np.testing.assert_allclose(back[9:], xi[9:], atol=1e-15)
 
 
+@patient
 @given(names, seeds)
 def test_boxplus_undoes_boxminus(name, seed):
     """Between states that have nothing to do with each other."""

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from gateway.nav.lie import exp_so3, left_jacobian, log_so3, orthonormal, skew
 
+patient = settings(deadline=None)
 I3 = np.eye(3)
 components = st.floats(-1.0, 1.0)
 axes = (
@@ -25,6 +26,7 @@ angles = st.one_of(
 )
 
 
+@patient
 @given(axes, angles)
 def test_exp_is_the_matrix_exponential(axis, angle):
     C = exp_so3(angle * axis)
@@ -32,6 +34,7 @@ def test_exp_is_the_matrix_exponential(axis, angle):
     np.testing.assert_allclose(C, expm(skew(angle * axis)), atol=1e-14)
 
 
+@patient
 @given(axes, angles)
 def test_exp_is_a_rotation(axis, angle):
     C = exp_so3(angle * axis)
@@ -47,6 +50,7 @@ def test_nothing_turns_nothing():
     np.testing.assert_array_equal(log_so3(I3), zero)
 
 
+@patient
 @given(axes, angles)
 def test_log_undoes_exp(axis, angle):
     phi = angle * axis
@@ -57,6 +61,7 @@ def test_log_undoes_exp(axis, angle):
     np.testing.assert_allclose(found, phi, atol=1e-14)
 
 
+@patient
 @given(axes, angles, axes)
 def test_conjugation_turns_the_axis(axis, angle, other):
     C = exp_so3(angle * axis)
@@ -70,6 +75,7 @@ def mean_rotation(phi):
     return np.einsum("k,kij->ij", 0.5 * weights, turns)
 
 
+@patient
 @given(axes, angles)
 def test_left_jacobian_is_the_mean_of_the_rotations_on_the_way(axis, angle):
     found = left_jacobian(angle * axis)
@@ -82,6 +88,7 @@ def test_left_jacobian_cancels_no_digits_at_small_angles():
         np.testing.assert_allclose(left_jacobian(phi), mean_rotation(phi), atol=2e-15)
 
 
+@patient
 @given(axes, st.floats(0.0, 3.0), axes)
 def test_left_jacobian_is_the_derivative_of_exp(axis, angle, direction):
     phi, h = angle * axis, 1e-4
@@ -90,6 +97,7 @@ def test_left_jacobian_is_the_derivative_of_exp(axis, angle, direction):
     np.testing.assert_allclose(left_jacobian(phi) @ direction, difference, atol=2e-8)
 
 
+@patient
 @given(axes, angles)
 def test_left_jacobian_and_exp(axis, angle):
     """J(phi) [phi]x = Exp(phi) - I, and J(-phi) = J(phi)^T."""
@@ -99,11 +107,13 @@ def test_left_jacobian_and_exp(axis, angle):
     np.testing.assert_allclose(left_jacobian(-phi), J.T, atol=1e-15)
 
 
+@patient
 @given(axes, axes)
 def test_skew_is_the_cross_product(a, b):
     np.testing.assert_allclose(skew(a) @ b, np.cross(a, b), atol=1e-15)
 
 
+@patient
 @given(axes, angles, st.integers(0, 2**32 - 1))
 def test_orthonormal_takes_rounding_off(axis, angle, seed):
     C = exp_so3(angle * axis)

@@ -1,0 +1,282 @@
+"""Strapdown and covariance prediction against exact increments and plain linear algebra."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from gateway.fusion.errors import FAMILY
+from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL
+from gateway.nav import earth, strapdown
+from gateway.nav.lie import log_so3, skew
+from tests.gateway.states import ORIGIN
+from tests.gateway.voyages import perfect_rows, trajectory, true_state
+
+QUIET = np.zeros(4)
+ADDITIVE = FAMILY["additive"]
+
+
+def run(state, rows, q=QUIET):
+    track = np.empty((len(rows), 12))
+    strapdown.run(state.x, state.P, rows, q, track)
+    return track
+
+
+def away(state, truth):
+    """Distance (m) and angle (deg) between two states."""
+    turn = log_so3(state.C_eb @ truth.C_eb.T)
+    return np.linalg.norm(state.r_e - truth.r_e), np.degrees(np.linalg.norm(turn))
+
+
+# --- gravity ---------------------------------------------------------------------------------
+
+
+@settings(deadline=None)
+@given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0), st.floats(-11_000.0, 9_000.0))
+def test_gravity_kernel_is_the_earths(lat_deg, lon_deg, h):
+    lat, lon = np.radians([lat_deg, lon_deg])
+    g = np.empty(3)
+    strapdown._gravity(earth.lla_to_ecef(lat, lon, h), g)
+    np.testing.assert_allclose(g, earth.C_en(lat, lon) @ earth.gravity_n(lat, h), atol=3e-10)
+
+
+def test_gravity_gradient_is_near_the_derivative_of_gravity():
+    """Spherical and without the centrifugal part: 1 % of the largest element is left out."""
+    gradient, ahead, behind = np.empty((3, 3)), np.empty(3), np.empty(3)
+    strapdown._gravity_gradient(ORIGIN, gradient)
+    for i, step in enumerate(100.0 * np.eye(3)):
+        strapdown._gravity(ORIGIN + step, ahead)
+        strapdown._gravity(ORIGIN - step, behind)
+        exact = (ahead - behind) / 200.0
+        np.testing.assert_allclose(gradient[:, i], exact, atol=0.01 * 2.0 * 9.81 / earth.A)
+
+
+# --- the mean against exact increments of analytic motion ------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["circle", "line"])
+@pytest.mark.parametrize("lat_deg", [0.0, 45.0, 75.0, -34.0])
+def test_exact_increments_lead_along_the_truth(kind, lat_deg):
+    """1000 s at 100 Hz in a seaway of 5 deg, the line across the antimeridian."""
+    changes = {"course_deg": 80.0} if kind == "line" else {}
+    truth = trajectory(kind, 1000.0, lat_deg=lat_deg, lon_deg=179.9995, **changes)
+    state = true_state(truth, 0.0)
+    run(state, perfect_rows(truth, 1000.0, 100.0))
+    end = true_state(truth, 1000.0)
+    metres, degrees = away(state, end)
+    assert metres < 0.002
+    assert degrees < 1e-6
+    assert np.linalg.norm(state.v_eb_e - end.v_eb_e) < 5e-6
+    if kind == "line":
+        assert (
+            earth.ecef_to_lla(end.r_e)[1] < 0.0 < earth.ecef_to_lla(true_state(truth, 0.0).r_e)[1]
+        )
+
+
+@pytest.mark.parametrize("kind", ["circle", "lawnmower"])
+def test_errors_fall_with_the_step(kind):
+    """Second order and better: half the interval, at most a quarter of the error."""
+    truth = trajectory(kind, 60.0)
+    end = true_state(truth, 60.0)
+    errors = []
+    for rate_hz in (25.0, 50.0):
+        state = true_state(truth, 0.0)
+        run(state, perfect_rows(truth, 60.0, rate_hz))
+        errors.append(np.array(away(state, end)))
+    assert np.all(errors[1] < errors[0] / 4.0)
+
+
+def test_biases_are_taken_off():
+    truth = trajectory("circle", 60.0)
+    rows = perfect_rows(truth, 60.0, 100.0)
+    plain, biased = true_state(truth, 0.0), true_state(truth, 0.0)
+    bias = np.array([1e-3, -2e-3, 3e-3, 0.1, -0.2, 0.3])
+    biased.x[15:21] = bias
+    run(plain, rows)
+    shifted = rows.copy()
+    shifted[:, 1:7] += bias * rows[:, :1]
+    # the sample before the first is part of the coning term: it holds the bias too
+    run(biased, shifted)
+    assert away(plain, biased)[0] < 1e-6
+    assert away(plain, biased)[1] < 1e-10
+
+
+def test_at_rest_nothing_moves():
+    truth = trajectory("line", speed_m_s=0.0, ramp_s=0.0, sway={}, lat_deg=60.0)
+    state = true_state(truth, 0.0)
+    run(state, perfect_rows(truth, 60.0, 10.0))
+    assert away(state, true_state(truth, 0.0))[0] < 1e-6
+
+
+def test_displacement_and_chain_follow_without_feedback():
+    """What the track says of the past is the motion between, whatever the state was set to."""
+    truth = trajectory("circle", 20.0)
+    state = true_state(truth, 0.0)
+    state.s_e[:] = (1.0, 2.0, 3.0)
+    start = state.copy()
+    track = run(state, perfect_rows(truth, 20.0, 100.0))
+    np.testing.assert_allclose(state.s_e - start.s_e, state.r_e - start.r_e, atol=1e-6)
+    np.testing.assert_allclose(state.chain, state.C_eb, atol=1e-12)
+    np.testing.assert_array_equal(track[-1], state.x[21:33])
+    half = true_state(truth, 10.0)
+    np.testing.assert_allclose(track[999, :3] - (1.0, 2.0, 3.0), half.r_e - start.r_e, atol=1e-4)
+    np.testing.assert_allclose(track[999, 3:].reshape(3, 3), half.C_eb, atol=1e-8)
+
+
+# --- parts of samples ------------------------------------------------------------------------
+
+fractions = st.lists(st.floats(0.001, 0.999), min_size=1, max_size=3, unique=True).map(sorted)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32 - 1), fractions)
+def test_split_samples_lead_to_the_same_place(seed, cuts):
+    """One in ten samples in parts: a measurement may fall anywhere."""
+    truth = trajectory("circle", 10.0)
+    rows = perfect_rows(truth, 5.0, 100.0)
+    whole, split = true_state(truth, 0.0), true_state(truth, 0.0)
+    whole.P[:] = split.P[:] = np.diag(np.linspace(0.1, 1.0, N_STATES))
+    q = np.array([1e-8, 1e-6, 1e-10, 1e-8])
+    run(whole, rows, q)
+    chosen = np.random.default_rng(seed).random(len(rows)) < 0.1
+    for row, cut in zip(rows, chosen, strict=True):
+        ends = [*cuts, 1.0] if cut else [1.0]
+        for begin, end in zip([0.0, *ends], ends, strict=False):
+            strapdown.advance(split.x, split.P, row, begin, end, q)
+    metres, degrees = away(whole, split)
+    assert metres < 5e-6
+    assert degrees < 1e-10
+    np.testing.assert_allclose(split.P, whole.P, rtol=2e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("cut", [0.001, 0.3, 0.5, 0.999])
+def test_one_split_sample_is_the_whole(cut):
+    """Attitude to rounding, velocity to 1e-11 m/s; position to the trapezium's 40 nm at 100 Hz."""
+    truth = trajectory("circle", 10.0)
+    rows = perfect_rows(truth, 1.0, 100.0)
+    whole, split = true_state(truth, 0.0), true_state(truth, 0.0)
+    run(whole, rows)
+    run(split, rows[:-1])
+    strapdown.advance(split.x, split.P, rows[-1], 0.0, cut, QUIET)
+    strapdown.advance(split.x, split.P, rows[-1], cut, 1.0, QUIET)
+    np.testing.assert_allclose(split.C_eb, whole.C_eb, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(split.v_eb_e, whole.v_eb_e, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(split.r_e, whole.r_e, rtol=0.0, atol=5e-8)
+    np.testing.assert_array_equal(split.x[strapdown.LAST], whole.x[strapdown.LAST])
+
+
+# --- the covariance --------------------------------------------------------------------------
+
+
+def step_of(state, row):
+    """The mean after one sample, and the code's (21, 21) transition over it."""
+    after, u, C_mid = state.copy(), np.empty(3), np.empty((3, 3))
+    strapdown.mechanise(after.x, row, 1.0, u, C_mid)
+    gradient, top = np.empty((3, 3)), np.empty((9, N_STATES))
+    strapdown._gravity_gradient(after.r_e, gradient)
+    strapdown._transition(np.eye(N_STATES), row[0], u, C_mid, gradient, top)
+    Phi = np.eye(N_STATES)
+    Phi[:9] = top
+    return after, Phi, (u, C_mid)
+
+
+def flow_derivative(state, rows):
+    """(21, 21) derivative of the mean's flow over `rows`, central differences."""
+    steps = np.repeat([1e-4, 1e-1, 50.0, 1e-4, 1e-1, 1e-3, 1e-3], 3)
+    columns = []
+    for i, h in enumerate(steps):
+        ends = []
+        for sign in (1.0, -1.0):
+            xi = np.zeros(N_STATES)
+            xi[i] = sign * h
+            y = ADDITIVE.boxplus(state, xi, ORIGIN)
+            run(y, rows)
+            ends.append(y)
+        columns.append(ADDITIVE.boxminus(ends[0], ends[1], ORIGIN) / (2.0 * h))
+    return np.column_stack(columns)
+
+
+def test_transition_over_one_sample_is_the_derivative_of_the_mean():
+    """Left out in 10 ms: the coning term's bias, C's curvature; position rows: rounding of ECEF."""
+    truth = trajectory("circle", 20.0)
+    rows = perfect_rows(truth, 10.0, 100.0)
+    state = true_state(truth, 0.0)
+    run(state, rows[:-1])
+    _, Phi, _ = step_of(state, rows[-1])
+    left_out = np.abs(Phi - flow_derivative(state, rows[-1:]))
+    assert left_out[ATT].max() < 1e-8
+    assert left_out[VEL].max() < 2e-7
+    assert left_out[POS].max() < 1e-5
+    assert left_out[POS, VEL].max() < 2e-8
+    np.testing.assert_array_equal(left_out[9:], 0.0)
+    np.testing.assert_array_equal(Phi[15:], np.eye(N_STATES)[15:])
+
+
+@pytest.mark.parametrize("kind", ["circle", "line"])
+def test_covariance_over_ten_seconds_is_that_of_the_flow(kind):
+    """P(10 s) = Phi P Phi^T with Phi by differences of the whole flow: 2e-3 of each sigma."""
+    truth = trajectory(kind, 20.0)
+    rows = perfect_rows(truth, 10.0, 100.0)
+    state = true_state(truth, 0.0)
+    sigma = np.repeat([1e-3, 0.1, 5.0, 1e-5, 5e-3, 0.01, 0.02], 3)
+    state.P[:] = np.diag(sigma**2)
+    Phi = flow_derivative(state, rows)
+    run(state, rows)
+    exact = Phi @ np.diag(sigma**2) @ Phi.T
+    scale = np.sqrt(np.outer(exact.diagonal(), exact.diagonal()))
+    np.testing.assert_allclose(state.P / scale, exact / scale, atol=2e-3)
+
+
+def test_prediction_is_phi_p_phi_and_q():
+    """The block kernel against dense matrices, with any covariance and missing data."""
+    rng = np.random.default_rng(1)
+    truth = trajectory("circle", 20.0)
+    rows = perfect_rows(truth, 1.0, 100.0)
+    state = true_state(truth, 0.0)
+    L = rng.normal(0.0, 1.0, (N_STATES, N_STATES))
+    P = L @ L.T
+    after, Phi, (u, C_mid) = step_of(state, rows[0])
+    q, dt, missing = np.array([0.3, 0.5, 0.7, 0.11]), 0.01, 0.4
+    Q = np.zeros(N_STATES)
+    Q[:15] = np.repeat([q[0] * dt, q[1] * dt, 0.0, q[2] * dt, q[3] * dt], 3)
+    Q[ATT] += strapdown.GAP_TURN * missing**3 / 3.0
+    Q[VEL] += strapdown.GAP_FORCE * missing**3 / 3.0
+    found = P.copy()
+    strapdown.predict(found, dt, missing, u, C_mid, after.r_e, q)
+    np.testing.assert_allclose(found, Phi @ P @ Phi.T + np.diag(Q), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_noise_grows_as_the_continuous_model_says():
+    """A minute from P = 0 against Van Loan's integral of the continuous model at rest."""
+    truth = trajectory("line", speed_m_s=0.0, ramp_s=0.0, sway={})
+    rows, t = perfect_rows(truth, 60.0, 50.0), 60.0
+    state = true_state(truth, 0.0)
+    q = np.array([1e-8, 1e-6, 1e-12, 1e-8])
+    run(state, rows, q)
+    omega, f = (a[0] for a in truth.inertial(np.array([30.0])))
+    C = true_state(truth, 30.0).C_eb
+    W, G = skew(np.array([0.0, 0.0, earth.OMEGA_IE])), np.empty((3, 3))
+    strapdown._gravity_gradient(state.r_e, G)
+    F = np.zeros((15, 15))
+    F[ATT, ATT], F[ATT, BG] = -W, -C
+    F[VEL, ATT], F[VEL, VEL], F[VEL, POS], F[VEL, BA] = -skew(C @ f), -2.0 * W, G, -C
+    F[POS, VEL] = np.eye(3)
+    Qc = np.diag(np.repeat([q[0], q[1], 0.0, q[2], q[3]], 3))
+    M = expm(np.block([[-F, Qc], [np.zeros((15, 15)), F.T]]) * t)
+    exact = M[15:, 15:].T @ M[:15, 15:]
+    scale = np.sqrt(np.outer(exact.diagonal(), exact.diagonal()))
+    np.testing.assert_allclose(state.P[:15, :15] / scale, exact / scale, atol=2e-3)
+    assert np.linalg.norm(omega) == pytest.approx(earth.OMEGA_IE)
+
+
+def test_a_gap_costs_what_a_seaway_may_have_done():
+    """Two seconds without data: some degrees and decimetres a second, far more than the noise."""
+    truth = trajectory("circle", 20.0)
+    state = true_state(truth, 0.0)
+    row = np.array([2.0, *(200.0 * perfect_rows(truth, 0.01, 100.0)[0, 1:7]), 1.99])
+    run(state, row[None, :], np.array([1e-12, 1e-10, 0.0, 0.0]))
+    sd = np.sqrt(state.P.diagonal())
+    assert 2.0 < np.degrees(sd[ATT]).max() < 10.0
+    assert 0.2 < sd[VEL].max() < 2.0
