@@ -5,8 +5,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from drivers.capture.files import CaptureError
-from drivers.capture.streams import CaptureCounts, read_streams
+from drivers.capture.streams import CaptureCounts, Payload, read_streams
 from gateway.config import Config
 from gateway.errors import UsblnavError
 from gateway.estimator import Estimator
@@ -43,22 +45,17 @@ def run(
     counts = CaptureCounts()
     links = {name: device.link for name, device in config.devices.items()}
     last: Calibration | None = None
-    span = _Span()
-    fault: CaptureError | None = None
+    traffic = _Traffic(read_streams(captures, links, counts))
     with ReplayFiles(out) as files:
-        payloads = span.watch(read_streams(captures, links, counts))
-        try:
-            for measurement in _measurements(payloads, devices):
-                for output in estimator.feed(measurement):
-                    _write(files, output)
-                    last = output if isinstance(output, Calibration) else last
-        except CaptureError as error:
-            fault = error
+        for measurement in _measurements(traffic, devices):
+            for output in estimator.feed(measurement):
+                _write(files, output)
+                last = output if isinstance(output, Calibration) else last
         ran_s = time.perf_counter() - begun
-        summary = _summary(estimator, devices, counts, last, span.seconds, ran_s)
+        summary = _summary(estimator, devices, counts, last, traffic.seconds, ran_s)
         files.summary(summary)
-    if fault is not None:
-        raise UsblnavError(str(fault))
+    if traffic.fault is not None:
+        raise UsblnavError(str(traffic.fault)) from traffic.fault
     if not counts.selected:
         raise UsblnavError(
             f"{', '.join(map(str, captures))}: no packet for any device of the configuration"
@@ -67,28 +64,32 @@ def run(
     return summary
 
 
-class _Span:
-    """Notes the first and last arrival of the payloads that pass."""
+class _Traffic:
+    """The payloads of captures up to their end or to where they cannot be read any further."""
 
-    def __init__(self) -> None:
+    def __init__(self, payloads: Iterable[Payload]) -> None:
+        self.fault: CaptureError | None = None
+        self._payloads = payloads
         self._first_ns: int | None = None
         self._last_ns = 0
 
-    def watch(self, payloads: Iterable[tuple[str, bytes, int]]) -> Iterator[tuple[str, bytes, int]]:
-        for payload in payloads:
-            if self._first_ns is None:
-                self._first_ns = payload[2]
-            self._last_ns = payload[2]
-            yield payload
+    def __iter__(self) -> Iterator[Payload]:
+        try:
+            for payload in self._payloads:
+                if self._first_ns is None:
+                    self._first_ns = payload[2]
+                self._last_ns = payload[2]
+                yield payload
+        except CaptureError as error:
+            self.fault = error
 
     @property
     def seconds(self) -> float:
+        """From the first arrival to the last."""
         return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) * 1e-9
 
 
-def _measurements(
-    payloads: Iterable[tuple[str, bytes, int]], devices: dict[str, Intake]
-) -> Iterator[Measurement]:
+def _measurements(payloads: Iterable[Payload], devices: dict[str, Intake]) -> Iterator[Measurement]:
     """Measurements in the order in which their bytes arrived."""
     gathered: str | None = None
     chunks = 0
@@ -125,12 +126,7 @@ def _summary(
     totals = estimator.counts()
     return {
         "devices": {name: _device(intake) for name, intake in devices.items()},
-        "capture": {
-            "packets": capture.packets,
-            "selected": capture.selected,
-            "not_selected": capture.not_selected,
-            "undecodable": dict(capture.undecodable),
-        },
+        "capture": msgspec.to_builtins(capture),
         "filter": {
             "imu_samples": totals.imu_samples,
             "fixes_used": totals.fixes_used,

@@ -19,7 +19,7 @@ from gateway.filter_process.channel import (
     pair,
     read_in_host,
 )
-from gateway.messages import Checkpoint, FilterOutput, Measurement
+from gateway.messages import Checkpoint, FilterOutput, Measurement, NavSolution
 
 MAX_WAITING = 20_000
 """Messages kept for the worker: minutes of a fast IMU; beyond it the oldest go, and are counted."""
@@ -64,6 +64,7 @@ class FilterHost:
         self._on_output = on_output
         self._checkpoint: Checkpoint | None = None
         self._acknowledged = 0
+        self._t_solved_ns = 0
         self._sent: deque[bytes] = deque()
         self._waiting: deque[bytes] = deque()
         self._socket: socket.socket | None = None
@@ -99,6 +100,8 @@ class FilterHost:
     async def _run_once(self) -> str:
         """Run one worker to its end; say how it ended."""
         ours, theirs = pair()
+        # Before the worker is there: one that dies at once, or whose host does, finds its orders.
+        ours.send(encode(Start(self._config, self._rate_hz, self._checkpoint)))
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
             stdin=asyncio.subprocess.DEVNULL,
@@ -115,11 +118,10 @@ class FilterHost:
             await _end(process)
 
     def _attach(self, channel: socket.socket) -> None:
-        """Give a new worker its orders and what the last one had not finished."""
+        """Put what the last worker had not finished before all else, and hear the new one."""
         self._waiting.extendleft(reversed(self._sent))
         self._sent.clear()
         self._acknowledged = 0
-        channel.send(encode(Start(self._config, self._rate_hz, self._checkpoint)))
         self._socket = channel
         asyncio.get_running_loop().add_reader(channel, self._read, channel)
 
@@ -172,14 +174,17 @@ class FilterHost:
             self._pump()
         elif isinstance(message, Checkpoint):
             self._keep(message)
-        else:
+        elif not isinstance(message, NavSolution):
+            self._on_output(message)
+        elif message.t_ns > self._t_solved_ns:  # else the last worker has given it
+            self._t_solved_ns = message.t_ns
             self._on_output(message)
 
     def _keep(self, checkpoint: Checkpoint) -> None:
         """Remember a checkpoint and forget the measurements it includes."""
-        for _ in range(checkpoint.received - self._acknowledged):
+        while self._acknowledged < checkpoint.received:
             self._sent.popleft()
-        self._acknowledged = checkpoint.received
+            self._acknowledged += 1
         self._checkpoint = checkpoint
 
 
