@@ -84,12 +84,16 @@ class _Daemon:
 
         async def once(alive: Alive) -> None:
             async with open_link(settings, line.link) as link:
-                async for chunk in link:
-                    alive()
-                    line.heard_at = time.monotonic()
-                    line.intake.feed(chunk.data, chunk.t_rx_ns)
-                    for measurement in line.intake.flush():
-                        self._host.send(measurement)
+                line.opened(time.monotonic())
+                try:
+                    async for chunk in link:
+                        alive()
+                        line.heard(time.monotonic())
+                        line.intake.feed(chunk.data, chunk.t_rx_ns)
+                        for measurement in line.intake.flush():
+                            self._host.send(measurement)
+                finally:
+                    line.lost()
 
         await keep_running(line.name, once)
 

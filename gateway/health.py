@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -18,6 +18,8 @@ from gateway.outputs.sinks import SinkStatus
 
 SILENT_S = {"imu": 1.0, "usbl": 60.0}
 """Silence of an open line after which its device is called silent; USBL may interrogate slowly."""
+FIRST_S = 10.0
+"""How long a device may take to speak for the first time."""
 FLOWING_S = 3.0
 """A solution, or the last inertial data, younger than this counts as flowing."""
 
@@ -67,7 +69,20 @@ class Line:
     intake: Intake
     link: LinkCounts = field(default_factory=LinkCounts)
     heard_at: float | None = None
-    said_silent: bool = False
+    _quiet_since: float | None = field(default=None, init=False)
+    _said_silent: bool = field(default=False, init=False)
+
+    def opened(self, now: float) -> None:
+        """Note that the line is open."""
+        self._quiet_since = now
+
+    def heard(self, now: float) -> None:
+        """Note that bytes came."""
+        self.heard_at = self._quiet_since = now
+
+    def lost(self) -> None:
+        """Note that the line is gone, which is said by those who try to open it again."""
+        self._quiet_since, self._said_silent = None, False
 
     def report(self, now: float) -> DeviceReport:
         """Counts of the device and of its link."""
@@ -90,26 +105,36 @@ class Line:
         )
 
     def watch(self, now: float) -> None:
-        """Say once that a device fell silent, and once that it is back."""
-        silent = self.heard_at is not None and now - self.heard_at > SILENT_S[self.kind]
-        if silent and not self.said_silent and self.heard_at is not None:
-            _log.warning("%s: silent for %.0f s", self.name, now - self.heard_at)
-        elif self.said_silent and not silent:
-            _log.info("%s: speaks again", self.name)
-        self.said_silent = silent
+        """Say once that an open line is silent, and once that it speaks again."""
+        if self._quiet_since is None:
+            return
+        quiet_s, limit_s = now - self._quiet_since, SILENT_S[self.kind]
+        if self.heard_at is None:
+            limit_s = max(limit_s, FIRST_S)
+        if quiet_s <= limit_s and self._said_silent:
+            _log.info("%s: speaks", self.name)
+        elif quiet_s > limit_s and not self._said_silent:
+            _log.warning("%s: silent for %.0f s", self.name, quiet_s)
+        self._said_silent = quiet_s > limit_s
 
 
 class Health:
     """Gathers what the parts count, and knows whether solutions flow as they should."""
 
     def __init__(
-        self, vehicle: str, lines: Sequence[Line], host: FilterHost, feeds: Sequence[Feed]
+        self,
+        vehicle: str,
+        lines: Sequence[Line],
+        host: FilterHost,
+        feeds: Sequence[Feed],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._vehicle = vehicle
+        self._clock = clock
         self._lines = lines
         self._host = host
         self._feeds = feeds
-        self._begun = time.monotonic()
+        self._begun = self._clock()
         self._solved_at = self._begun
         self._nav: NavReport | None = None
         self.totals: FilterCounts | None = None
@@ -120,7 +145,7 @@ class Health:
         if nav.mode != before:
             _log.info("navigation: %s (was %s)", nav.mode.value, before.value)
         self._nav = nav
-        self._solved_at = time.monotonic()
+        self._solved_at = self._clock()
 
     def is_flowing(self) -> bool:
         """Whether solutions come, or there is nothing to make them of.
@@ -128,7 +153,7 @@ class Health:
         A pulled IMU cable is no reason to start the gateway again; inertial data without solutions
         is.
         """
-        now = time.monotonic()
+        now = self._clock()
         if now - self._solved_at < FLOWING_S:
             return True
         heard = [ln.heard_at for ln in self._lines if ln.kind == "imu" and ln.heard_at is not None]
@@ -136,19 +161,21 @@ class Health:
 
     def watch(self) -> None:
         """Raise the alarms that time brings."""
-        now = time.monotonic()
+        now = self._clock()
         for line in self._lines:
             line.watch(now)
+        if self._nav is not None and now - self._solved_at > FLOWING_S:
+            _log.warning("navigation: no solution for %.0f s", now - self._solved_at)
+            self._nav = None
 
     def report(self) -> HealthReport:
         """Everything, now."""
-        now = time.monotonic()
-        stale = self._nav is None or now - self._solved_at > FLOWING_S
+        now = self._clock()
         return HealthReport(
             vehicle=self._vehicle,
             t_s=time.time(),
             up_s=round(now - self._begun, 1),
-            mode=Mode.INVALID if stale or self._nav is None else self._nav.mode,
+            mode=Mode.INVALID if self._nav is None else self._nav.mode,
             fix_age_s=None if self._nav is None else self._nav.fix_age_s,
             devices={line.name: line.report(now) for line in self._lines},
             filter=self._host.status,

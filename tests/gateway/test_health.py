@@ -1,0 +1,162 @@
+"""What the gateway says of itself as time goes by, and when the watchdog may be fed."""
+
+import logging
+from collections.abc import Callable
+
+import pytest
+
+from gateway.config import Config
+from gateway.emulator import twin
+from gateway.filter_process.host import FilterHost
+from gateway.health import FIRST_S, FLOWING_S, SILENT_S, Health, Line
+from gateway.ingest import intakes
+from gateway.modes import Mode
+from gateway.outputs.schema import NavReport, nav_report
+from gateway.schema import build
+from tests.gateway.emulated import demo_data, make
+from tests.gateway.test_outputs_schema import solution
+
+
+class Setting:
+    """A gateway's health beside a clock that the test moves."""
+
+    def __init__(self) -> None:
+        config = build(Config, twin.gateway_config(make(demo_data())), [])
+        assert config is not None
+        self.now = 1000.0
+        ways_in = intakes(config)
+        self.imu = Line("imu0", "imu", "kvh1750", ways_in["imu0"])
+        self.usbl = Line("usbl0", "usbl", "tracklink-lxt", ways_in["usbl0"])
+        host = FilterHost(config, 10.0, print)
+        self.health = Health("ship", [self.imu, self.usbl], host, [], clock=lambda: self.now)
+
+    def later(self, seconds: float) -> None:
+        """Let time pass, with a look at it every tenth of a second."""
+        end = self.now + seconds
+        while self.now < end - 1e-6:
+            self.now = min(end, self.now + 0.1)
+            self.health.watch()
+
+
+def nav(mode: Mode) -> NavReport:
+    return nav_report(solution(mode=mode), 0)
+
+
+@pytest.fixture
+def setting() -> Setting:
+    return Setting()
+
+
+@pytest.fixture
+def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
+    caplog.set_level(logging.INFO)
+
+    def take() -> list[str]:
+        lines = list(caplog.messages)
+        caplog.clear()
+        return lines
+
+    return take
+
+
+def test_silence_of_an_open_line_is_said_once_and_its_end_too(
+    setting: Setting, said: Callable[[], list[str]]
+) -> None:
+    setting.imu.opened(setting.now)
+    setting.imu.heard(setting.now)
+    setting.later(SILENT_S["imu"])
+    assert said() == []
+    setting.later(30.0)
+    assert said() == ["imu0: silent for 1 s"]
+    setting.imu.heard(setting.now)
+    setting.later(0.5)
+    assert said() == ["imu0: speaks"]
+
+
+@pytest.mark.parametrize("kind", ["imu", "usbl"])
+def test_a_device_may_take_its_time_for_the_first_word(
+    setting: Setting, said: Callable[[], list[str]], kind: str
+) -> None:
+    line = setting.imu if kind == "imu" else setting.usbl
+    line.opened(setting.now)
+    patience = max(FIRST_S, SILENT_S[kind])
+    setting.later(patience)
+    assert said() == []
+    setting.later(1.0)
+    assert said() == [f"{line.name}: silent for {patience:.0f} s"]
+
+
+def test_of_a_lost_line_only_the_loss_is_said(
+    setting: Setting, said: Callable[[], list[str]]
+) -> None:
+    setting.imu.opened(setting.now)
+    setting.imu.heard(setting.now)
+    setting.imu.lost()
+    setting.later(100.0)
+    assert said() == []
+    assert setting.health.report().devices["imu0"].silent_s == 100.0
+    setting.imu.opened(setting.now)
+    setting.later(SILENT_S["imu"] + 0.2)
+    assert said() == ["imu0: silent for 1 s"]
+
+
+def test_a_change_of_mode_is_said_and_the_end_of_solutions(
+    setting: Setting, said: Callable[[], list[str]]
+) -> None:
+    health = setting.health
+    assert health.report().mode == Mode.INVALID
+    health.solved(nav(Mode.ALIGNING))
+    health.solved(nav(Mode.AIDED))
+    setting.later(FLOWING_S)
+    health.solved(nav(Mode.AIDED))
+    assert said() == ["navigation: aligning (was invalid)", "navigation: aided (was aligning)"]
+    setting.later(FLOWING_S)
+    assert health.report().mode == Mode.AIDED
+    setting.later(60.0)
+    assert health.report().mode == Mode.INVALID
+    assert health.report().fix_age_s is None
+    health.solved(nav(Mode.DEAD_RECKONING))
+    assert said() == [
+        "navigation: no solution for 3 s",
+        "navigation: dead_reckoning (was invalid)",
+    ]
+
+
+def test_the_watchdog_starves_when_inertial_data_lead_to_no_solution(setting: Setting) -> None:
+    health, imu = setting.health, setting.imu
+    assert health.is_flowing()
+    for _ in range(40):
+        imu.heard(setting.now)
+        health.solved(nav(Mode.AIDED))
+        setting.later(0.1)
+        assert health.is_flowing()
+    for _ in range(40):
+        imu.heard(setting.now)
+        setting.later(0.1)
+    assert not health.is_flowing()
+    health.solved(nav(Mode.AIDED))
+    assert health.is_flowing()
+
+
+def test_a_pulled_cable_does_not_starve_the_watchdog(setting: Setting) -> None:
+    setting.later(1000.0)
+    assert setting.health.is_flowing()  # nothing was ever heard
+    setting.imu.heard(setting.now)
+    setting.health.solved(nav(Mode.AIDED))
+    setting.usbl.heard(setting.now)
+    setting.later(FLOWING_S + 0.2)
+    assert setting.health.is_flowing()
+
+
+def test_the_report_has_what_became_of_the_bytes(setting: Setting) -> None:
+    setting.imu.intake.feed(b"junk", 0)
+    setting.imu.intake.close()
+    setting.imu.link.refused = 3
+    report = setting.health.report()
+    assert report.vehicle == "ship"
+    device = report.devices["imu0"]
+    assert (device.kind, device.codec, device.bytes) == ("imu", "kvh1750", 4)
+    assert (device.rejected_bytes, device.refused_datagrams) == (4, 3)
+    assert device.silent_s is None
+    assert report.filter.restarts == 0
+    assert setting.health.line() == "invalid; no solution yet"
