@@ -13,7 +13,7 @@ from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.report import calibration, solution
-from gateway.fusion.state import N_STATES, State
+from gateway.fusion.state import State
 from gateway.messages import (
     Checkpoint,
     FilterCounts,
@@ -88,10 +88,9 @@ class Estimator:
 
     def _begin_again(self) -> None:
         """Start at the last sound state with the configured uncertainty."""
-        sound = self._sound
-        P = initial.initial_state(self._config).P
+        sound, fresh = self._sound, initial.initial_state(self._config)
         self._resets += 1
-        self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, P)))
+        self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, fresh.P, fresh.columns)))
 
     def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
         """Run over a block, pausing at every sample after which a solution is due."""
@@ -146,6 +145,7 @@ class Estimator:
             received=self._received,
             x=memory.state.x.tobytes(),
             P=memory.state.P.tobytes(),
+            columns=memory.state.columns.tobytes(),
             used=memory.used,
             gated=memory.gated,
             refused_in_a_row=memory.refused_in_a_row,
@@ -168,5 +168,8 @@ class Estimator:
 def _memory(saved: Checkpoint) -> Memory:
     """The filter's memory as a checkpoint holds it."""
     x = np.frombuffer(saved.x).copy()
-    P = np.frombuffer(saved.P).reshape(N_STATES, N_STATES).copy()
-    return Memory(State(x, P), saved.used, saved.gated, saved.refused_in_a_row, saved.t_used_ns)
+    columns = np.frombuffer(saved.columns, dtype=np.int64)
+    P = np.frombuffer(saved.P).reshape(len(columns), len(columns)).copy()
+    return Memory(
+        State(x, P, columns), saved.used, saved.gated, saved.refused_in_a_row, saved.t_used_ns
+    )

@@ -119,7 +119,8 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
 class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):
     """Enough of the filter to go on from in a new process.
 
-    ``x`` and ``P`` are the float64 bytes of mean and covariance at ``t_ns``; ``received`` is the
+    ``x`` and ``P`` are the float64 bytes of mean and covariance at ``t_ns``, ``columns`` the int64
+    bytes of what the covariance holds; ``received`` is the
     number of measurements the process had taken.
     """
 
@@ -127,6 +128,7 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     received: int
     x: bytes
     P: bytes
+    columns: bytes
     used: int
     gated: int
     refused_in_a_row: int

@@ -1,9 +1,9 @@
 """What the navigation solution may claim about itself."""
 
-from enum import Enum
+from enum import StrEnum
 
 
-class Mode(str, Enum):
+class Mode(StrEnum):
     """State of the fused solution; outputs must not claim more than this says."""
 
     INVALID = "invalid"

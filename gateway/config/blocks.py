@@ -68,6 +68,8 @@ class UsblPrior(_Block, frozen=True):
     bearing_deg: NonNegative = 0.0
     elevation_deg: NonNegative = 0.0
     range_scale: NonNegative = 0.0
+    lever_arm_m: NonNegative = 0.0
+    latency_ms: NonNegative = 0.0
 
 
 class ImuDevice(_Block, frozen=True, tag_field="kind", tag="imu"):

@@ -1,6 +1,7 @@
 """What the demo shows: the solution, its error against the truth, and a summary at the end."""
 
 import asyncio
+import signal
 import tempfile
 import time
 from collections import deque
@@ -29,13 +30,20 @@ def run(duration_s: float, filter_name: str) -> None:
     Raises
     ------
     UsblnavError
-        If a part of it fails, or no solution was seen.
+        If a part of it fails, no solution was seen, or it is told to end early.
     """
     with tempfile.TemporaryDirectory(prefix="usblnav-demo-") as folder:
-        asyncio.run(_run(Stage(Path(folder), filter_name), duration_s))
+        try:
+            asyncio.run(_run(Stage(Path(folder), filter_name), duration_s))
+        except asyncio.CancelledError:
+            raise UsblnavError("terminated") from None
 
 
 async def _run(stage: Stage, duration_s: float) -> None:
+    task = asyncio.current_task()
+    assert task is not None
+    # The processes of the demo have to be ended, or they would run for ever.
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     console = Console(highlight=False, soft_wrap=True)
     viewer = Viewer(stage)
     with ExitStack() as stack:

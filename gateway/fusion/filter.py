@@ -8,14 +8,16 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gateway.fusion import usbl
-from gateway.fusion.errors import ErrorDefinition
+from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import (
     Linearised,
     innovation_covariance,
     normalised_square,
     update,
 )
-from gateway.fusion.state import ATT, State
+from gateway.fusion.observation import Model, observe
+from gateway.fusion.ranging import Past
+from gateway.fusion.state import ATT, N_STATES, State
 from gateway.messages import Component, Innovation, UsblFix
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -24,48 +26,15 @@ from gateway.timeline import Track
 Array = NDArray[np.float64]
 
 LOCK_OUT = 8
-"""Fixes refused in a row after which each further refusal doubles the covariance."""
+"""Fixes refused in a row after which the filter doubts itself, not the fixes."""
+FREED = 3
+"""Fixes used in a row after which it trusts itself again."""
+GROWTH = np.repeat([1.2, 1.4, 2.0], 3)
+"""Growth of each sigma of the pose at a refusal meanwhile; the constants are not what is wrong."""
 GATE_MAX_HEADING_SD = np.radians(5.0)
 """The gate stays open while the heading is known worse than this: it would lock out good fixes."""
-
-
-@dataclass(frozen=True)
-class Transponder:
-    """A moored beacon: ECEF position, turn-around time, and whether its range is two-way."""
-
-    r_e: Array
-    turnaround_s: float
-    two_way: bool
-
-
-@dataclass(frozen=True)
-class AcousticArray:
-    """An array of the vehicle: geometry and white noise of elevation, bearing (rad), range (m)."""
-
-    geometry: usbl.ArrayGeometry
-    sigma: Array
-
-
-@dataclass(frozen=True)
-class Model:
-    """All that the filter takes as known.
-
-    Attributes
-    ----------
-    error
-        The error definition in whose coordinates updates are made.
-    q
-        (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
-    gate
-        Probability inside the chi-squared gate.
-    """
-
-    error: ErrorDefinition
-    q: Array
-    gate: float
-    sound_speed: float
-    arrays: dict[str, AcousticArray]
-    beacons: dict[str, Transponder]
+CAREFUL_PARTS = 10
+"""Parts in which a fix is used while the estimate may be far off, each linearised anew."""
 
 
 @dataclass
@@ -76,6 +45,7 @@ class Memory:
     used: int = 0
     gated: int = 0
     refused_in_a_row: int = 0
+    """Once over `LOCK_OUT`, used fixes count it down before it is forgotten."""
     t_used_ns: int | None = None
 
     def copy(self) -> Self:
@@ -121,36 +91,50 @@ class Filter:
 
     def apply(self, fix: UsblFix, track: Track) -> Innovation:
         """Use one fix at its time, or say why not."""
-        array, beacon = self.model.arrays[fix.device], self.model.beacons.get(fix.beacon)
-        if beacon is None:
-            return self._refuse(fix, "unknown_beacon")
-        sight = self._sighting(fix, array, beacon, track)
-        z = usbl.linearise(self.memory.state, array.geometry, sight)
-        if z is None:
-            return self._refuse(fix, "geometry")
+        z = observe(self.model, self.memory.state, fix, track)
+        if isinstance(z, str):
+            return self._refuse(fix, z)
         S = innovation_covariance(self.memory.state.P, z)
         nis = normalised_square(z.residual, S)
+        if not nis >= 0.0:  # the state is not finite or the covariance not positive
+            self.memory.state.P[:] = np.nan  # so that nothing is claimed until a new start
+            return self._refuse(fix, "fault")
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open())
-        self._learn(fix, z, accepted)
+        if accepted:
+            self._use(z, fix, track)
+            self.memory.t_used_ns = fix.t_ns
+        else:
+            self._doubt()
         reason = "" if accepted else "gate"
         return Innovation(
-            fix.t_ns, fix.device, fix.beacon, _components(sight, z, S), nis, accepted, reason
+            fix.t_ns, fix.device, fix.beacon, _components(z, S), nis, accepted, reason
         )
 
-    def _learn(self, fix: UsblFix, z: Linearised, accepted: bool) -> None:
-        """Update by an accepted fix; count a refused one and free a filter that is locked out."""
+    def _use(self, z: Linearised, fix: UsblFix, track: Track) -> None:
+        """Update by a fix; in small parts while the estimate may be far off.  # (M.36)"""
         memory = self.memory
-        if accepted:
-            update(memory.state, z, self.model.error, self.origin_e)
-            memory.used += 1
+        locked_out = memory.refused_in_a_row > LOCK_OUT
+        parts = CAREFUL_PARTS if locked_out or self._gate_is_open() else 1
+        update(memory.state, _weakened(z, parts), self.model.error, self.origin_e)
+        for _ in range(1, parts):
+            again = observe(self.model, memory.state, fix, track)
+            if not isinstance(again, str):
+                update(memory.state, _weakened(again, parts), self.model.error, self.origin_e)
+        memory.used += 1
+        if locked_out:
+            memory.refused_in_a_row = min(memory.refused_in_a_row, LOCK_OUT + FREED) - 1
+        if memory.refused_in_a_row <= LOCK_OUT:
             memory.refused_in_a_row = 0
-            memory.t_used_ns = fix.t_ns
-            return
+
+    def _doubt(self) -> None:
+        """Count a refused fix and free a filter that is locked out.  # (M.37)"""
+        memory = self.memory
         memory.gated += 1
         memory.refused_in_a_row += 1
         if memory.refused_in_a_row > LOCK_OUT:
-            memory.state.P *= 2.0
+            memory.state.P[:9] *= GROWTH[:, None]
+            memory.state.P[:, :9] *= GROWTH
 
     def _gate_is_open(self) -> bool:
         """Whether the heading is too uncertain for a linearised gate to be just."""
@@ -159,40 +143,41 @@ class Filter:
         down = C_en(lat, lon)[:, 2]
         return bool(down @ state.P[ATT, ATT] @ down > GATE_MAX_HEADING_SD**2)
 
-    def _sighting(
-        self, fix: UsblFix, array: AcousticArray, beacon: Transponder, track: Track
-    ) -> usbl.Sighting:
-        """Measured rows, noise and the moment the ping left."""
-        rows = (fix.elevation, fix.bearing, fix.slant_range)
-        measured = np.array([np.nan if v is None else v for v in rows])
-        transmit = None
-        if beacon.two_way and fix.slant_range is not None:
-            age = 2.0 * fix.slant_range / self.model.sound_speed + beacon.turnaround_s
-            past = track.at(fix.t_ns - round(age * 1e9))
-            transmit = usbl.Past(past[:3], past[3:].reshape(3, 3), age)
-        return usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
-
     def _refuse(self, fix: UsblFix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""
         self.memory.gated += 1
         return Innovation(fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, reason)
 
 
-def _components(sight: usbl.Sighting, z: Linearised, S: Array) -> tuple[Component, ...]:
+def _weakened(z: Linearised, parts: int) -> Linearised:
+    """The measurement with so much noise that `parts` of it weigh as much as the whole."""
+    return replace(z, R=z.R * parts)
+
+
+def _components(z: Linearised, S: Array) -> tuple[Component, ...]:
     """Rows of an innovation in edge units: measured minus predicted, degrees and metres."""
-    names = [n for n, v in zip(usbl.ROW_NAMES, sight.measured, strict=True) if not np.isnan(v)]
     out = []
-    for name, residual, variance in zip(names, z.residual, S.diagonal(), strict=True):
+    for name, residual, variance in zip(z.names, z.residual, S.diagonal(), strict=True):
         unit = np.degrees(1.0) if name.endswith("_deg") else 1.0
         out.append(Component(name, float(-residual * unit), float(np.sqrt(variance) * unit)))
     return tuple(out)
 
 
 def warm_up() -> None:
-    """Compile or load the hot loop, so that the first sample does not wait for it."""
-    x, P, rows, track = np.zeros(46), np.zeros((21, 21)), np.zeros((1, 8)), np.zeros((1, 12))
-    x[[0, 4, 8]] = 1.0
-    x[12] = 6.4e6
+    """Compile or load the hot functions, so that the first sample does not wait for them."""
+    state = State.at(np.eye(3), np.zeros(3), np.array([6.4e6, 0.0, 0.0]), np.eye(N_STATES))
+    rows, track, q = np.zeros((1, 8)), np.zeros((1, 12)), np.zeros(4)
     rows[:, 0] = 0.005
-    strapdown.run(x, P, rows, np.zeros(4), track)
-    strapdown.advance(x, P, rows[0], 0.0, 1.0, np.zeros(4))
+    strapdown.run(state.x, state.P, rows, q, track)
+    strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
+    beacon_e, past = state.r_e + 100.0, Past(np.zeros(3), np.eye(3), 0.1)
+    for measured in (
+        np.full(3, 0.5),
+        np.array([0.5, np.nan, 0.5]),
+        np.array([np.nan, np.nan, 0.5]),
+    ):
+        sight = usbl.Sighting(measured, np.ones(3), beacon_e, past)
+        z = usbl.linearise(state, usbl.ArrayGeometry(np.zeros(3), np.eye(3)), sight)
+        assert z is not None
+        for error in FAMILY.values():
+            update(state.copy(), z, error, state.r_e.copy())

@@ -7,9 +7,24 @@ from numpy.typing import NDArray
 
 from gateway.config import Config, ImuNoise
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.filter import AcousticArray, Model, Transponder
-from gateway.fusion.state import ATT, BA, BG, DALPHA, DBETA, DKD, N_STATES, POS, THETA, VEL, State
+from gateway.fusion.observation import AcousticArray, Model, Transponder
+from gateway.fusion.state import (
+    ATT,
+    BA,
+    BG,
+    DALPHA,
+    DBETA,
+    DKD,
+    LATENCY,
+    LEVER,
+    N_FULL,
+    POS,
+    THETA,
+    VEL,
+    State,
+)
 from gateway.fusion.usbl import ArrayGeometry
+from gateway.nav import strapdown as sd
 from gateway.nav.attitude import C_from_euler, euler_error_map
 from gateway.nav.earth import C_en, lla_to_ecef
 
@@ -40,13 +55,13 @@ def noise_densities(noise: ImuNoise) -> Array:
 
 
 def initial_state(config: Config) -> State:
-    """State and covariance at the first sample.  # (M.19)"""
+    """State and covariance at the first sample; what has no prior is not estimated.  # (M.19)"""
     first, sigma = config.initial, config.initial.sigma
     lat, lon = np.radians(first.lat_deg), np.radians(first.lon_deg)
     roll, pitch, heading = np.radians(first.attitude_deg)
     C = C_en(lat, lon)
     M = C @ euler_error_map(pitch, heading)
-    P = np.zeros((N_STATES, N_STATES))
+    P = np.zeros((N_FULL, N_FULL))
     P[ATT, ATT] = M @ np.diag(np.radians(sigma.attitude_deg) ** 2) @ M.T
     P[VEL, VEL] = np.eye(3) * sigma.velocity_m_s**2
     P[POS, POS] = C @ np.diag(np.square(sigma.position_m)) @ C.T
@@ -59,11 +74,15 @@ def initial_state(config: Config) -> State:
         _set(P, DALPHA, np.radians(prior.elevation_deg))
         _set(P, DBETA, np.radians(prior.bearing_deg))
         _set(P, DKD, prior.range_scale)
+        _set(P, LEVER, prior.lever_arm_m)
+        _set(P, LATENCY, prior.latency_ms * 1e-3)
+    columns = np.flatnonzero((P.diagonal() > 0.0) | (np.arange(N_FULL) < sd.N_CORE))
     return State.at(
         C @ C_from_euler(roll, pitch, heading),
         C @ np.asarray(first.velocity_ned_m_s),
         lla_to_ecef(lat, lon, first.height_m),
-        P,
+        P[np.ix_(columns, columns)],
+        columns,
     )
 
 
@@ -105,5 +124,5 @@ def mounting(angles_deg: Sequence[float]) -> Array:
 
 def _set(P: Array, where: slice | int, sigma: float) -> None:
     """Set variances of independent states."""
-    i = np.arange(N_STATES)[where]
+    i = np.arange(N_FULL)[where]
     P[i, i] = sigma**2

@@ -1,13 +1,14 @@
 """The Kalman update for one measurement, in the coordinates of an error definition."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from gateway.fusion.errors import ErrorDefinition
+from gateway.fusion.errors import ErrorDefinition, from_additive, retract, to_additive
 from gateway.fusion.state import State
+from gateway.nav.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -21,46 +22,103 @@ class Linearised:
     residual
         (m,) ``h(estimate) - measured``, angles wrapped.
     H
-        (m, 21) derivative of ``h`` by the additive error, ``residual = H xi - noise``.
+        (m, n) derivative of ``h`` by the additive error, ``residual = H xi - noise``.
     R
         (m, m) covariance of the noise.
+    names
+        (m) names of the rows; a row in radians ends in ``_deg``, what it is shown in.
     """
 
     residual: Array
     H: Array
     R: Array
+    names: tuple[str, ...] = ()
 
 
 def innovation_covariance(P: Array, z: Linearised) -> Array:
     """S = H P H^T + R, (m, m).  # (M.30)"""
-    S = z.H @ P @ z.H.T + z.R
-    return np.asarray(0.5 * (S + S.T))
+    S: Array = z.H @ P @ z.H.T + z.R
+    return 0.5 * (S + S.T)
 
 
 def normalised_square(residual: Array, S: Array) -> float:
     """NIS: residual^T S^-1 residual, chi-squared with m degrees of freedom.  # (M.31)"""
-    return float(residual @ scipy.linalg.cho_solve(scipy.linalg.cho_factor(S), residual))
+    return float(residual @ np.linalg.solve(S, residual))
 
 
 def update(state: State, z: Linearised, error: ErrorDefinition, origin_e: Array) -> None:
-    """Correct `state` in place.  # (M.32)-(M.35)
+    """Correct `state` in place.  # (M.32)-(M.35)"""
+    delta = _update(state.x, state.P, z.residual, z.H, z.R, error.kind, origin_e)
+    state.add_constants(delta[9:])
 
-    Covariance and H are mapped to the error definition's coordinates at the predicted mean, the
-    correction is taken off by its boxplus, and the covariance (Joseph form) is mapped back at the
-    corrected mean.
+
+@compiled
+def _update(
+    x: Array, P: Array, residual: Array, H: Array, R: Array, kind: int, origin_e: Array
+) -> Array:
+    """Correct the pose in `x`, carry `P` with it, and give the whole correction (n,)."""
+    K = _gain(P, H, R)
+    delta = -(K @ residual)
+    _joseph(P, K, H, R)
+    before = from_additive(kind, x, origin_e)
+    retract(kind, x, before @ delta[:9], origin_e)
+    if kind != 0:
+        _carry(P, to_additive(kind, x, origin_e) @ before)
+    return delta
+
+
+@compiled
+def _gain(P: Array, H: Array, R: Array) -> Array:
+    """K = P H^T S^-1, (n, m), by the Cholesky factor of S.  # (M.32)"""
+    n, m = P.shape[0], H.shape[0]
+    K = np.zeros((n, m))
+    for i in range(n):
+        for j in range(m):
+            for k in range(n):
+                K[i, j] += P[i, k] * H[j, k]
+    L = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            s = 0.5 * (R[i, j] + R[j, i])
+            for k in range(n):
+                s += H[i, k] * K[k, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j and not s > 0.0:
+                s = R[i, i]  # P H^T lost to rounding: S is not less than R
+            L[i, j] = math.sqrt(s) if i == j else s / L[j, j]
+    for i in range(n):
+        for j in range(m):
+            for k in range(j):
+                K[i, j] -= L[j, k] * K[i, k]
+            K[i, j] /= L[j, j]
+        for j in range(m - 1, -1, -1):
+            for k in range(j + 1, m):
+                K[i, j] -= L[k, j] * K[i, k]
+            K[i, j] /= L[j, j]
+    return K
+
+
+@compiled
+def _joseph(P: Array, K: Array, H: Array, R: Array) -> None:
+    """P <- (I - K H) P (I - K H)^T + K R K^T, in place and symmetric.  # (M.33)
+
+    As a product of three matrices: the short forms lose definiteness to rounding when a precise
+    measurement meets a large variance.
     """
-    n = state.P.shape[0]
-    T = np.eye(n)
-    T[:9, :9] = error.to_additive(state, origin_e)
-    T_inv = np.linalg.inv(T)
-    P = T_inv @ state.P @ T_inv.T
-    H = z.H @ T
-    S = H @ P @ H.T + z.R
-    K = scipy.linalg.cho_solve(scipy.linalg.cho_factor(0.5 * (S + S.T)), H @ P).T
-    corrected = error.boxplus(state, -K @ z.residual, origin_e)
-    state.x[:] = corrected.x
-    I_KH = np.eye(n) - K @ H
-    P = I_KH @ P @ I_KH.T + K @ z.R @ K.T
-    T[:9, :9] = error.to_additive(state, origin_e)
-    P = T @ P @ T.T
-    state.P[:] = 0.5 * (P + P.T)
+    A = np.eye(P.shape[0]) - K @ H
+    new = A @ P @ A.T + K @ R @ K.T
+    P[:, :] = 0.5 * (new + new.T)
+
+
+@compiled
+def _carry(P: Array, X: Array) -> None:
+    """P <- X P X^T where X (9, 9) acts on the pose and nothing else.  # (M.35)"""
+    n = P.shape[0]
+    top = X @ np.ascontiguousarray(P[:9, :])
+    P[:9, :] = top
+    square = np.ascontiguousarray(top[:, :9]) @ X.T
+    P[:9, :9] = 0.5 * (square + square.T)
+    for i in range(9):
+        for j in range(9, n):
+            P[j, i] = P[i, j]

@@ -22,6 +22,8 @@ _CONSTANTS: tuple[tuple[str, float], ...] = (
     ("elevation_offset_deg", _DEG),
     ("bearing_offset_deg", _DEG),
     ("range_scale", 1.0),
+    *((f"lever_arm_{axis}_m", 1.0) for axis in "xyz"),
+    ("latency_ms", 1e-3),
 )
 
 
@@ -58,12 +60,13 @@ def solution(
 
 def calibration(state: State, t_ns: int) -> Calibration:
     """Estimated constants with sigma, in the units of their names."""
+    names = [_CONSTANTS[i] for i in state.columns[9:] - 9]
     sigma = np.sqrt(np.maximum(state.P.diagonal()[BG.start :], 0.0))
     return Calibration(
         t_ns,
         tuple(
             Constant(name, float(value / unit), float(sd / unit))
-            for (name, unit), value, sd in zip(_CONSTANTS, state.constants, sigma, strict=True)
+            for (name, unit), value, sd in zip(names, state.constants, sigma, strict=True)
         ),
     )
 

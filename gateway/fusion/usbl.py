@@ -1,19 +1,30 @@
 """Tight coupling of an acoustic fix: elevation, bearing and slant range of a moored beacon.
 
-Seed 000 (2.2) with the lever arm, the array's mounting error, the angle offsets and the range scale
-as states; the range with the array where it was when the ping left and where the reply found it
-(seed 001, exact form).  # (M.40)-(M.46)
+Seed 000 (2.2) with the array's lever arm, mounting error, angle offsets, range scale and, where
+they are estimated, the errors of the lever arm and of the declared latency.  # (M.40)-(M.46)
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.kalman import Linearised
-from gateway.fusion.state import ATT, DALPHA, DBETA, DKD, N_STATES, POS, THETA, VEL, State
-from gateway.nav.lie import left_jacobian, skew
+from gateway.fusion.ranging import Past, range_row
+from gateway.fusion.state import (
+    ATT,
+    DALPHA,
+    DBETA,
+    LATENCY,
+    LEVER,
+    N_FULL,
+    POS,
+    THETA,
+    VEL,
+    State,
+)
+from gateway.nav import strapdown as sd
+from gateway.nav.lie import exp_so3, left_jacobian, skew
 
 Array = NDArray[np.float64]
 
@@ -40,14 +51,6 @@ class ArrayGeometry:
     C_bu: Array
 
 
-class Past(NamedTuple):
-    """Displacement and attitude chain at an earlier moment, see `gateway.nav.strapdown`."""
-
-    s_e: Array
-    chain: Array
-    age_s: float
-
-
 @dataclass(frozen=True)
 class Sighting:
     """One fix: measured rows (elevation rad, bearing rad, range m; NaN where missing) and noise."""
@@ -61,7 +64,7 @@ class Sighting:
 
 def array_to_beacon(state: State, geometry: ArrayGeometry, beacon_e: Array) -> tuple[Array, Array]:
     """Beacon from the array: ``r_b`` in body axes and ``r_u`` in array axes (m).  # (M.40)"""
-    r_b = state.C_eb.T @ (beacon_e - state.r_e) - geometry.lever_b
+    r_b = state.C_eb.T @ (beacon_e - state.r_e) - geometry.lever_b - state.lever_b
     return r_b, geometry.C_bu.T @ (state.C_theta.T @ r_b)
 
 
@@ -71,69 +74,66 @@ def angles(r_u: Array) -> tuple[float, float]:
     return float(np.arctan2(-z, np.hypot(x, y))), float(np.arctan2(y, x))
 
 
-def _angle_rows(r_u: Array) -> Array:
-    """(2, 3) derivative of elevation and bearing by ``r_u``.  # (M.42)"""
-    x, y, z = r_u
-    L2 = x * x + y * y
-    L, R2 = np.sqrt(L2), L2 + z * z
-    return np.array([[x * z / (R2 * L), y * z / (R2 * L), -L / R2], [-y / L2, x / L2, 0.0]])
-
-
-def _range_row(state: State, geometry: ArrayGeometry, sight: Sighting, H: Array) -> float:
-    """Fill the range row of `H` and give the predicted range.  # (M.44), (M.45)"""
-    C, l_b, k = state.C_eb, geometry.lever_b, 1.0 + state.range_scale
-    l_e = C @ l_b
-    a_rx = state.r_e + l_e - sight.beacon_e
-    n_rx = float(np.linalg.norm(a_rx))
-    u_rx = a_rx / n_rx
-    if sight.transmit is None:
-        distance = n_rx
-        H[RANGE, POS] = k * u_rx
-        H[RANGE, ATT] = k * (skew(l_e) @ u_rx)
-    else:
-        past = sight.transmit
-        l_tx = C @ (state.chain.T @ (past.chain @ l_b))
-        a_tx = state.r_e - (state.s_e - past.s_e) + l_tx - sight.beacon_e
-        n_tx = float(np.linalg.norm(a_tx))
-        u_tx = a_tx / n_tx
-        distance = 0.5 * (n_tx + n_rx)
-        H[RANGE, POS] = 0.5 * k * (u_tx + u_rx)
-        H[RANGE, VEL] = -0.5 * k * past.age_s * u_tx
-        H[RANGE, ATT] = 0.5 * k * (skew(l_e) @ u_rx + skew(l_tx) @ u_tx)
-    H[RANGE, DKD] = distance
-    return distance * k
-
-
 def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Linearised | None:
     """Predict a fix and its derivatives at the state of the reply's arrival.
 
-    Gives None where the geometry has no bearing (beacon straight below) or nothing was measured.
+    A bearing is left out where it has no meaning (beacon straight below). None if nothing is left.
     """
-    C = state.C_eb
+    state, omega_e = _when_it_was_true(state)
+    h = np.empty(3)
+    H = np.zeros((3, N_FULL))
+    measured = sight.measured
     r_b, r_u = array_to_beacon(state, geometry, sight.beacon_e)
     if np.hypot(r_u[0], r_u[1]) < MIN_HORIZONTAL * np.linalg.norm(r_u):
-        return None
-    h = np.empty(3)
-    H = np.zeros((3, N_STATES))
+        measured = measured.copy()
+        measured[BEARING] = np.nan
     h[:2] = angles(r_u) + state.angle_offsets
-    A = _angle_rows(r_u) @ geometry.C_bu.T
-    M = A @ state.C_theta.T @ C.T  # d(angles) / d(beacon - position)
-    H[:2, ATT] = M @ skew(sight.beacon_e - state.r_e)
-    H[:2, POS] = -M
-    H[:2, THETA] = _mounting_columns(state, A, r_b)
-    H[ELEVATION, DALPHA] = H[BEARING, DBETA] = 1.0
-    h[RANGE] = _range_row(state, geometry, sight, H)
-    rows = np.flatnonzero(~np.isnan(sight.measured))
+    _angle_rows(state, geometry, sight.beacon_e - state.r_e, r_b, r_u, H)
+    lever_b = geometry.lever_b + state.lever_b
+    h[RANGE] = range_row(state, lever_b, sight.beacon_e, sight.transmit, H[RANGE])
+    H[:, LATENCY] = -(H[:, POS] @ state.v_eb_e + H[:, ATT] @ omega_e)
+    H[:, VEL] -= state.latency_s * H[:, POS]
+    rows = np.flatnonzero(~np.isnan(measured))
     if rows.size == 0:
         return None
-    residual = h - sight.measured
+    residual = h - measured
     residual[BEARING] = (residual[BEARING] + np.pi) % (2.0 * np.pi) - np.pi
-    return Linearised(residual[rows], H[rows], np.diag(sight.sigma[rows] ** 2))
+    H = np.ascontiguousarray(H[rows][:, state.columns])
+    names = tuple(ROW_NAMES[i] for i in rows)
+    return Linearised(residual[rows], H, np.diag(sight.sigma[rows] ** 2), names)
 
 
-def _mounting_columns(state: State, A: Array, r_b: Array) -> Array:
-    """(2, 3) derivative of the angles by theta, exact for a theta that is not small.  # (M.43)
+def _when_it_was_true(state: State) -> tuple[State, Array]:
+    """The state ``latency_s`` earlier than the stamp says, and the body's rate in e (rad/s).
+
+    # (M.46)
+    """
+    dt, increment = state.x[sd.LAST][0], state.x[sd.LAST][1:4]
+    omega_b = increment / dt - state.b_g if dt > 0.0 else np.zeros(3)
+    omega_e = state.C_eb @ omega_b
+    latency = state.latency_s
+    if latency != 0.0:
+        state = state.copy()
+        state.r_e[:] -= latency * state.v_eb_e
+        state.C_eb[:] = exp_so3(-latency * omega_e) @ state.C_eb
+    return state, omega_e
+
+
+def _angle_rows(
+    state: State, geometry: ArrayGeometry, d_e: Array, r_b: Array, r_u: Array, H: Array
+) -> None:
+    """Fill the rows of elevation and bearing.  # (M.42), (M.43)
 
     ``Exp(theta + d)^T r = Exp(theta)^T (r + [r]x J d)``, so the left Jacobian of theta enters.
     """
-    return np.asarray(A @ state.C_theta.T @ skew(r_b) @ left_jacobian(state.theta))
+    x, y, z = r_u
+    L2 = max(x * x + y * y, 1e-12)
+    L, R2 = np.sqrt(L2), L2 + z * z
+    A_u = np.array([[x * z / (R2 * L), y * z / (R2 * L), -L / R2], [-y / L2, x / L2, 0.0]])
+    A_b = A_u @ geometry.C_bu.T @ state.C_theta.T
+    M = A_b @ state.C_eb.T
+    H[:2, ATT] = M @ skew(d_e)
+    H[:2, POS] = -M
+    H[:2, THETA] = A_b @ skew(r_b) @ left_jacobian(state.theta)
+    H[:2, LEVER] = -A_b
+    H[ELEVATION, DALPHA] = H[BEARING, DBETA] = 1.0

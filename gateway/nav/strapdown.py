@@ -24,17 +24,14 @@ maps it to the error definition in use.
 """
 
 import math
-from collections.abc import Callable
-from typing import TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.nav.compiled import compiled
 from gateway.nav.earth import E2, GAMMA_E, M_RATIO, OMEGA_IE, SOMIGLIANA_K, A, F
 
 Array = NDArray[np.float64]
-_Fn = TypeVar("_Fn", bound=Callable[..., object])
 
 C_EB, V_EB_E, R_E = slice(0, 9), slice(9, 12), slice(12, 15)
 B_G, B_A, S_E = slice(15, 18), slice(18, 21), slice(21, 24)
@@ -51,12 +48,7 @@ GAP_FORCE = 0.3**2
 a vessel in a seaway. They are integrated once over the time missing."""
 
 
-def _jit(function: _Fn) -> _Fn:
-    """Compile with an on-disk cache; typed, which numba's own decorator is not."""
-    return cast(_Fn, numba.njit(cache=True, error_model="numpy")(function))
-
-
-@_jit
+@compiled
 def _gravity(r: Array, g: Array) -> None:
     """Normal gravity with the centrifugal part at ECEF `r`, resolved in e, into `g`.  # (M.10)
 
@@ -79,7 +71,7 @@ def _gravity(r: Array, g: Array) -> None:
     g[2] = -gh * s
 
 
-@_jit
+@compiled
 def _rotate(x: Array, at: int, phi: Array, earth: float) -> None:
     """C <- Exp(-w_ie dt) C Exp(phi) for the matrix that begins at ``x[at]``.  # (M.11)"""
     t2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -106,7 +98,7 @@ def _rotate(x: Array, at: int, phi: Array, earth: float) -> None:
         x[at + 3 + j] = ce * below - se * top
 
 
-@_jit
+@compiled
 def _cross(a: Array, b: Array, k: float, out: Array) -> None:
     """Add ``k a x b`` to `out`."""
     out[0] += k * (a[1] * b[2] - a[2] * b[1])
@@ -114,7 +106,7 @@ def _cross(a: Array, b: Array, k: float, out: Array) -> None:
     out[2] += k * (a[0] * b[1] - a[1] * b[0])
 
 
-@_jit
+@compiled
 def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> None:
     """Rotation vector and velocity increment, in the axes of the start, of a `part` of one sample.
 
@@ -142,7 +134,7 @@ def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> No
     _cross(dvl0, dth, part / 12.0, dvs)
 
 
-@_jit
+@compiled
 def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None:
     """Carry the mean over a `part` of one sample.  # (M.11)-(M.14)
 
@@ -192,7 +184,7 @@ def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None
             C_mid[i, j] += 0.5 * x[3 * i + j]
 
 
-@_jit
+@compiled
 def _transition(M: Array, dt: float, u: Array, C: Array, gradient: Array, out: Array) -> None:
     """``out = Phi M`` for the nine rows that Phi changes; `M` is (n, m), `out` (9, m).  # (M.16)"""
     wd = OMEGA_IE * dt
@@ -223,7 +215,7 @@ def _transition(M: Array, dt: float, u: Array, C: Array, gradient: Array, out: A
         out[8, j] = r2 + dt * (v2 + 0.5 * f2)
 
 
-@_jit
+@compiled
 def _gravity_gradient(r: Array, out: Array) -> None:
     """Gradient of gravity, spherical: -(g/r)(I - 3 r r^T / r^2) (1/s^2).  # (M.15)"""
     r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
@@ -234,7 +226,7 @@ def _gravity_gradient(r: Array, out: Array) -> None:
         out[i, i] += k
 
 
-@_jit
+@compiled
 def predict(
     P: Array, dt: float, missing: float, u: Array, C_mid: Array, r_e: Array, q: Array
 ) -> None:
@@ -275,7 +267,7 @@ def predict(
         P[12 + i, 12 + i] += q[3] * dt
 
 
-@_jit
+@compiled
 def advance(x: Array, P: Array, row: Array, begin: float, end: float, q: Array) -> None:
     """Carry mean and covariance over the share ``begin..end`` of one sample's interval."""
     u, C_mid = np.empty(3), np.empty((3, 3))
@@ -287,7 +279,7 @@ def advance(x: Array, P: Array, row: Array, begin: float, end: float, q: Array) 
             x[33 + i] = row[i]
 
 
-@_jit
+@compiled
 def run(x: Array, P: Array, rows: Array, q: Array, track: Array) -> None:
     """Carry mean and covariance over whole samples, noting the displacement and attitude chain.
 
