@@ -24,10 +24,12 @@ class Unwrapper:
     ----------
     modulus
         Values are 0 .. modulus-1.
+    last
+        The newest count; None before the first.
     """
 
     modulus: int
-    _last: int | None = None
+    last: int | None = None
 
     def extend(self, value: int, expected_step: float) -> int:
         """Next count, the one congruent to `value` that is nearest to the expected step.
@@ -35,13 +37,13 @@ class Unwrapper:
         A counter that begins again (power cycle) so lands within half a modulus of where the
         elapsed time says it should be, and never behind the last one.
         """
-        if self._last is None:
-            self._last = value
+        if self.last is None:
+            self.last = value
             return value
-        step = (value - self._last) % self.modulus
+        step = (value - self.last) % self.modulus
         missing = round((expected_step - step) / self.modulus)
-        self._last += step + max(missing, 0) * self.modulus
-        return self._last
+        self.last += step + max(missing, 0) * self.modulus
+        return self.last
 
 
 @dataclass

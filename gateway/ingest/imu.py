@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 SEQUENCE_MODULUS = 128
 """KVH sequence numbers."""
 OUTAGE_S = 1.0
-"""Silence after which the device may have been switched off and its count begun anew."""
+"""Silence after which a device may have begun its count anew, and a leap that says it has."""
 
 
 class ImuIngest(DeviceIngest):
@@ -31,7 +31,7 @@ class ImuIngest(DeviceIngest):
         self._clock = ArrivalClock()
         self._sequence = Unwrapper(SEQUENCE_MODULUS)
         self._microseconds = Unwrapper(1 << 32)
-        self._count_last_s: float | None = None
+        self._count_s = 0.0
         self._t_last_ns = 0
         self._arrival_last_ns = 0
         self._t: list[int] = []
@@ -63,13 +63,17 @@ class ImuIngest(DeviceIngest):
     def _take_sample(self, record: ImuRecord) -> None:
         """Place one sample in time and add its increments."""
         arrival_ns = self._left_instrument_ns(record)
-        count_s = self._device_count(record, arrival_ns)
-        step_s = self._period_s if self._count_last_s is None else count_s - self._count_last_s
+        elapsed_s = (arrival_ns - self._arrival_last_ns) * 1e-9 if self._arrival_last_ns else 0.0
+        self._arrival_last_ns = arrival_ns
+        step_s, known = self._step(record, elapsed_s)
+        if step_s > elapsed_s + OUTAGE_S or (elapsed_s > OUTAGE_S and not known):
+            self._clock = ArrivalClock()
+            step_s = elapsed_s
         if step_s <= 0.0:
             self.counts.ignored["repeated"] += 1
             return
-        self._count_last_s = count_s
-        t_ns = self._clock.stamp(count_s, arrival_ns)
+        self._count_s += step_s
+        t_ns = self._clock.stamp(self._count_s, arrival_ns)
         dt_s = step_s * (1.0 + self._clock.drift)
         t_ns = max(t_ns, self._t_last_ns + round(dt_s * 0.25e9))
         self._t_last_ns = t_ns
@@ -79,20 +83,24 @@ class ImuIngest(DeviceIngest):
             self.counts.missing += samples - 1
         self._add(record, t_ns, dt_s, samples)
 
-    def _device_count(self, record: ImuRecord, arrival_ns: int) -> float:
-        """The device's own time or number of samples, in nominal seconds, without wraps."""
-        elapsed_s = (arrival_ns - self._arrival_last_ns) * 1e-9 if self._arrival_last_ns else 0.0
-        self._arrival_last_ns = arrival_ns
-        if elapsed_s > OUTAGE_S:
-            self._clock = ArrivalClock()
+    def _step(self, record: ImuRecord, elapsed_s: float) -> tuple[float, bool]:
+        """Nominal seconds since the sample before, by the device's own time or count.
+
+        Also whether they are known after a long silence: a count of 128 says less than that.
+        """
         if self._device_clock and record.t_device_s is not None:
-            return self._microseconds.extend(round(record.t_device_s * 1e6), elapsed_s * 1e6) * 1e-6
-        if record.sequence is not None:
-            return (
-                self._sequence.extend(record.sequence, elapsed_s / self._period_s) * self._period_s
-            )
-        last_s = self._count_last_s if self._count_last_s is not None else 0.0
-        return last_s + self._period_s * max(1, round(elapsed_s / self._period_s))
+            counter, unit_s, known = self._microseconds, 1e-6, True
+            value = round(record.t_device_s * 1e6)
+        elif record.sequence is not None:
+            counter, unit_s, known = self._sequence, self._period_s, False
+            value = record.sequence
+        else:
+            return self._period_s * max(1, round(elapsed_s / self._period_s)), False
+        last = counter.last
+        if last is None:
+            counter.extend(value, 0.0)
+            return self._period_s, True
+        return (counter.extend(value, elapsed_s / unit_s) - last) * unit_s, known
 
     def _add(self, record: ImuRecord, t_ns: int, dt_s: float, samples: int) -> None:
         """Add the increments over `dt_s`, missing samples taken to be like the one that came."""

@@ -1,0 +1,385 @@
+"""Records to measurements: axes, units, times of validity, gaps, and what is counted."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers import registry
+from drivers.records import DeviceStatus, ImuRecord, Rejected, UsblRecord
+from gateway.config import Config, ImuDevice, UsblDevice
+from gateway.ingest import Intake, intakes
+from gateway.ingest.imu import ImuIngest
+from gateway.ingest.usbl import UsblIngest
+from gateway.messages import UsblFix
+from gateway.schema import build
+from tests.gateway.emulated import demo_data, make
+from tests.gateway.voyages import configuration
+
+T0 = 5_000_000_000
+PERIOD_NS = 5_000_000
+ANGLE, VELOCITY = (1e-3, -2e-3, 3e-3), (0.01, 0.02, -0.05)
+NOISE = {
+    "angle_random_walk_deg_sqrt_h": 0.002,
+    "gyro_bias_deg_h": 0.02,
+    "velocity_random_walk_ug_sqrt_hz": 20,
+    "accel_bias_ug": 50,
+}
+UDP = {"type": "udp", "bind": "127.0.0.1", "port": 7001}
+SERIAL = {"type": "serial", "port": "/dev/ttyUSB0", "baud": 9600}
+
+
+def made(kind, data):
+    faults: list[str] = []
+    block = build(kind, data, faults)
+    assert block is not None, faults
+    return block
+
+
+def imu(**changes):
+    data = {"kind": "imu", "codec": "kvh1750", "link": UDP, "rate_hz": 200, "noise": NOISE}
+    return ImuIngest(made(ImuDevice, data | changes))
+
+
+def usbl(**changes):
+    noise = {"bearing_deg": 1.0, "elevation_deg": 1.0, "range_m": 0.2}
+    data = {"kind": "usbl", "codec": "tracklink-lxt", "link": SERIAL, "noise": noise}
+    return UsblIngest("usbl0", made(UsblDevice, data | changes))
+
+
+def sample(k, t_rx_ns=None, **changes):
+    """Frame `k` of a healthy IMU, arriving when it is ready."""
+    fields = {"delta_angle_rad": ANGLE, "delta_velocity_m_s": VELOCITY, "sequence": k % 128}
+    t = T0 + k * PERIOD_NS if t_rx_ns is None else t_rx_ns
+    return ImuRecord(t_rx_ns=t, **(fields | changes))
+
+
+def taken(ingest, records):
+    """Times and rows of what became of the records."""
+    for record in records:
+        ingest.take(record)
+    blocks = ingest.flush()
+    t_ns = np.concatenate([np.frombuffer(b.t_ns, dtype=np.int64) for b in blocks])
+    rows = np.concatenate([np.frombuffer(b.rows).reshape(-1, 8) for b in blocks])
+    return t_ns, rows
+
+
+# --- the IMU: axes and units -----------------------------------------------------------------
+
+
+def test_a_healthy_device_gives_one_row_a_frame():
+    t_ns, rows = taken(imu(), map(sample, range(400)))
+    np.testing.assert_array_equal(t_ns, T0 + np.arange(400) * PERIOD_NS)
+    np.testing.assert_allclose(rows[:, 0], 0.005, atol=1e-15)
+    np.testing.assert_array_equal(rows[:, 1:4], np.tile(ANGLE, (400, 1)))
+    np.testing.assert_array_equal(rows[:, 4:7], np.tile(VELOCITY, (400, 1)))
+    np.testing.assert_array_equal(rows[:, 7], 0.0)
+
+
+@pytest.mark.parametrize("mounting", [(0, 0, 90), (180, 0, 0), (10, -20, 30)])
+def test_sensor_axes_are_turned_into_the_body(mounting):
+    """C_bs = Rz(heading) Ry(pitch) Rx(roll), against scipy's Euler angles."""
+    _, rows = taken(imu(mounting_deg=mounting), [sample(0)])
+    C_bs = Rotation.from_euler("ZYX", mounting[::-1], degrees=True).as_matrix()
+    np.testing.assert_allclose(rows[0, 1:4], C_bs @ ANGLE, atol=1e-16)
+    np.testing.assert_allclose(rows[0, 4:7], C_bs @ VELOCITY, atol=1e-16)
+
+
+def test_a_sensor_turned_to_starboard_sees_ahead_on_its_port_side():
+    _, rows = taken(imu(mounting_deg=(0, 0, 90)), [sample(0, delta_velocity_m_s=(0.0, -1.0, 0.0))])
+    np.testing.assert_allclose(rows[0, 4:7], (1.0, 0.0, 0.0), atol=1e-15)
+
+
+def test_rates_become_increments_of_the_interval():
+    rates = {
+        "rate_rad_s": tuple(200.0 * a for a in ANGLE),
+        "specific_force_m_s2": tuple(200.0 * v for v in VELOCITY),
+    }
+    records = [ImuRecord(t_rx_ns=T0 + k * PERIOD_NS, sequence=k, **rates) for k in range(5)]
+    _, rows = taken(imu(), records)
+    np.testing.assert_allclose(rows[:, 1:4], np.tile(ANGLE, (5, 1)), rtol=1e-12)
+    np.testing.assert_allclose(rows[:, 4:7], np.tile(VELOCITY, (5, 1)), rtol=1e-12)
+
+
+def test_a_drifting_devices_rates_are_integrated_over_true_time():
+    """The device takes 1000 ppm longer than it says: dt, and what rates make of it, follow."""
+    rates = {"rate_rad_s": (0.2, 0.0, 0.0), "specific_force_m_s2": (0.0, 0.0, -9.8)}
+    records = [
+        ImuRecord(t_rx_ns=T0 + round(k * PERIOD_NS * 1.001), sequence=k % 128, **rates)
+        for k in range(4000)
+    ]
+    t_ns, rows = taken(imu(), records)
+    np.testing.assert_allclose(rows[-100:, 0], 0.005005, rtol=1e-6)
+    np.testing.assert_allclose(rows[-100:, 1], 0.2 * 0.005005, rtol=1e-6)
+    np.testing.assert_allclose(np.diff(t_ns[-100:]), 5_005_000, atol=2)
+
+
+@pytest.mark.parametrize("accel", ["g", "delta_v_m_s", "delta_v_ft_s"])
+@pytest.mark.parametrize("gyro", ["delta_angle_rad", "delta_angle_deg", "rate_rad_s", "rate_deg_s"])
+def test_bytes_go_all_the_way_to_si(gyro, accel):
+    """Frames of the codec under each reading of its numbers."""
+    codec = registry.lookup("kvh1750")
+    data = {"kind": "imu", "codec": "kvh1750", "link": UDP, "rate_hz": 200, "noise": NOISE}
+    given = {"gyro": gyro, "accel": accel}
+    options = made(codec.options, given)
+    intake = Intake("imu0", made(ImuDevice, data | {"options": given}))
+    rates = {
+        "rate_rad_s": tuple(200.0 * a for a in ANGLE),
+        "specific_force_m_s2": tuple(200.0 * v for v in VELOCITY),
+    }
+    for k in range(3):
+        intake.feed(codec.encode(sample(k, **rates), options), T0 + k * PERIOD_NS)
+    (block,) = intake.flush()
+    rows = np.frombuffer(block.rows).reshape(-1, 8)
+    np.testing.assert_allclose(rows[:, 1:4], np.tile(ANGLE, (3, 1)), rtol=1e-6)
+    np.testing.assert_allclose(rows[:, 4:7], np.tile(VELOCITY, (3, 1)), rtol=1e-6)
+    assert intake.counts.bytes == 3 * 36
+    assert intake.counts.records == intake.counts.measurements == 3
+
+
+# --- the IMU: time ---------------------------------------------------------------------------
+
+
+def test_latency_is_taken_off():
+    t_ns, _ = taken(imu(clock={"source": "arrival", "latency_ms": 1.5}), map(sample, range(3)))
+    np.testing.assert_array_equal(t_ns, T0 + np.arange(3) * PERIOD_NS - 1_500_000)
+
+
+def test_serial_line_time_is_taken_off():
+    """36 bytes of 10 bits at 921600 baud before the chunk was stamped."""
+    link = {"type": "serial", "port": "/dev/ttyUSB0", "baud": 921600}
+    t_ns, _ = taken(imu(link=link), [sample(0, line_bytes=36)])
+    assert t_ns[0] == T0 - round(36 * 10 * 1e9 / 921600)
+
+
+def test_a_packet_link_has_no_line_time():
+    t_ns, _ = taken(imu(), [sample(0, line_bytes=36)])
+    assert t_ns[0] == T0
+
+
+def test_frames_of_one_chunk_spread_out():
+    """Ten frames every 50 ms, all with the chunk's stamp."""
+    records = [sample(k, T0 + (k // 10 * 10 + 9) * PERIOD_NS) for k in range(4000)]
+    t_ns, rows = taken(imu(), records)
+    settled = slice(2000, None)
+    np.testing.assert_allclose(t_ns[settled], T0 + np.arange(2000, 4000) * PERIOD_NS, atol=100_000)
+    assert np.all(np.diff(t_ns) > 0)
+    np.testing.assert_allclose(rows[:, 0], 0.005, rtol=0.01)
+
+
+def test_a_device_without_a_count_is_stamped_by_arrival():
+    records = [sample(k, sequence=None) for k in range(10)]
+    del records[4:6]
+    t_ns, rows = taken(imu(), records)
+    np.testing.assert_array_equal(t_ns - T0, np.delete(np.arange(10), [4, 5]) * PERIOD_NS)
+    assert rows[4, 0] == pytest.approx(0.015)
+    assert rows[4, 7] == pytest.approx(0.010)
+
+
+def microseconds(k, offset_us=0):
+    return ((offset_us + 5000 * k) % (1 << 32)) * 1e-6
+
+
+def test_a_microsecond_counter_wraps():
+    ingest = imu(clock={"source": "device"})
+    begin = (1 << 32) - 50 * 5000
+    records = [sample(k, t_device_s=microseconds(k, begin), sequence=None) for k in range(100)]
+    t_ns, rows = taken(ingest, records)
+    np.testing.assert_allclose(np.diff(t_ns), PERIOD_NS, atol=2)
+    np.testing.assert_allclose(rows[:, 0], 0.005, rtol=1e-9)
+    assert ingest.counts.gaps == 0
+
+
+def test_the_devices_time_is_believed_under_jitter():
+    rng = np.random.default_rng(1)
+    late = np.maximum.accumulate(
+        T0 + np.arange(20_000) * PERIOD_NS + (3e6 * rng.exponential(size=20_000)).astype(np.int64)
+    )
+    records = [sample(k, int(t), t_device_s=microseconds(k, 77)) for k, t in enumerate(late)]
+    t_ns, _ = taken(imu(clock={"source": "device"}), records)
+    error = (t_ns - T0 - np.arange(20_000) * PERIOD_NS)[12_000:]
+    assert np.sqrt(np.mean(error.astype(float) ** 2)) < 200_000
+
+
+@pytest.mark.parametrize("silence_s", [0.6, 5.0])
+def test_a_power_cycle_is_a_gap_of_the_time_that_passed(silence_s):
+    """The counter begins at zero again: it leaps back, the vehicle's time does not."""
+    ingest = imu(clock={"source": "device"})
+    first = [sample(k, t_device_s=microseconds(k, 100_000_000)) for k in range(2000)]
+    t_again = first[-1].t_rx_ns + round(silence_s * 1e9)
+    again = [sample(k, t_again + k * PERIOD_NS, t_device_s=microseconds(k, 3)) for k in range(2000)]
+    t_ns, rows = taken(ingest, first + again)
+    assert rows[2000, 0] == pytest.approx(silence_s, rel=1e-3)
+    assert rows[2000, 7] == pytest.approx(silence_s - 0.005, rel=1e-2)
+    np.testing.assert_allclose(rows[2001:, 0], 0.005, rtol=1e-3)
+    np.testing.assert_allclose(t_ns[2000:], [r.t_rx_ns for r in again], atol=100_000)
+    assert ingest.counts.gaps == 1
+
+
+def test_a_power_cycle_of_a_device_with_a_sequence():
+    ingest = imu()
+    first = [sample(k) for k in range(1000)]
+    t_again = first[-1].t_rx_ns + 7_000_000_000
+    again = [sample(k, t_again + k * PERIOD_NS) for k in range(1000)]
+    t_ns, rows = taken(ingest, first + again)
+    assert rows[1000, 0] == pytest.approx(7.0)
+    np.testing.assert_allclose(t_ns[1000:], [r.t_rx_ns for r in again], atol=100_000)
+
+
+def test_a_line_that_stalled_is_told_from_a_device_that_did():
+    """Three seconds held back, then all at once: the device's own time says nothing is missing."""
+    ingest = imu(clock={"source": "device"})
+    arrival = [T0 + k * PERIOD_NS for k in range(4000)]
+    arrival[2000:2600] = [arrival[2600]] * 600
+    records = [sample(k, t, t_device_s=microseconds(k, 9)) for k, t in enumerate(arrival)]
+    t_ns, rows = taken(ingest, records)
+    np.testing.assert_allclose(t_ns, T0 + np.arange(4000) * PERIOD_NS, atol=100_000)
+    np.testing.assert_allclose(rows[:, 0], 0.005, rtol=1e-3)
+    assert ingest.counts.gaps == 0
+
+
+# --- the IMU: what is missing ----------------------------------------------------------------
+
+
+def test_missing_frames_are_bridged_and_said():
+    """Four of them lost: the sample after the gap stands in, and says for how long."""
+    ingest = imu()
+    records = [sample(k) for k in range(300) if not 200 <= k < 204]
+    t_ns, rows = taken(ingest, records)
+    np.testing.assert_array_equal(t_ns[200] - t_ns[199], 5 * PERIOD_NS)
+    assert rows[200, 0] == pytest.approx(0.025)
+    np.testing.assert_allclose(rows[200, 1:4], 5.0 * np.array(ANGLE))
+    np.testing.assert_allclose(rows[200, 4:7], 5.0 * np.array(VELOCITY))
+    assert rows[200, 7] == pytest.approx(0.020)
+    np.testing.assert_array_equal(rows[201:, 7], 0.0)
+    assert (ingest.counts.gaps, ingest.counts.missing) == (1, 4)
+
+
+def test_a_gap_longer_than_the_count_is_told_by_the_time():
+    ingest = imu()
+    records = [sample(k) for k in range(500) if not 200 <= k < 350]
+    t_ns, rows = taken(ingest, records)
+    assert rows[200, 0] == pytest.approx(151 * 0.005)
+    assert t_ns[200] - t_ns[199] == 151 * PERIOD_NS
+    assert ingest.counts.missing == 150
+
+
+def test_the_angle_and_the_velocity_of_a_gap_are_kept():
+    """The sums over a steady turn are the same with frames lost as with all of them."""
+    whole = taken(imu(), map(sample, range(256)))[1]
+    lossy = taken(imu(), [sample(k) for k in range(256) if k % 7 or k == 0])[1]
+    np.testing.assert_allclose(lossy[:, :7].sum(axis=0), whole[:, :7].sum(axis=0), rtol=1e-9)
+
+
+def test_an_invalid_sample_is_a_missing_one():
+    ingest = imu()
+    records = [sample(k, valid=k != 5) for k in range(10)]
+    _, rows = taken(ingest, records)
+    assert len(rows) == 9
+    assert rows[5, 7] == pytest.approx(0.005)
+    assert ingest.counts.ignored["invalid"] == 1
+    assert ingest.counts.records == 10
+
+
+def test_a_repeated_frame_is_ignored():
+    ingest = imu()
+    records = [sample(0), sample(1), sample(1), sample(2)]
+    t_ns, _ = taken(ingest, records)
+    assert len(t_ns) == 3
+    assert ingest.counts.ignored["repeated"] == 1
+
+
+def test_times_strictly_increase_whatever_the_arrivals():
+    rng = np.random.default_rng(3)
+    late = np.maximum.accumulate(
+        T0 + np.arange(3000) * PERIOD_NS + (50e6 * rng.exponential(size=3000)).astype(np.int64)
+    )
+    t_ns, rows = taken(imu(), [sample(k, int(t)) for k, t in enumerate(late)])
+    assert np.all(np.diff(t_ns) > 0)
+    assert np.all(rows[:, 0] > 0.0)
+
+
+def test_what_is_no_sample_is_counted():
+    ingest = imu()
+    ingest.take(Rejected(t_rx_ns=T0, reason="checksum", data=b"1234"))
+    ingest.take(DeviceStatus(t_rx_ns=T0, healthy=True))
+    ingest.take(UsblRecord(t_rx_ns=T0, beacon="1"))
+    assert ingest.flush() == []
+    assert ingest.counts.rejected["checksum"] == 1
+    assert ingest.counts.rejected_bytes == 4
+    assert ingest.counts.ignored["not_imu"] == 2
+    assert ingest.counts.records == 2
+
+
+# --- acoustic fixes --------------------------------------------------------------------------
+
+
+def sighting(**changes):
+    fields = {"beacon": "1", "bearing_deg": 90.0, "elevation_deg": -30.0, "slant_range_m": 87.0}
+    return UsblRecord(t_rx_ns=T0, **(fields | changes))
+
+
+def test_degrees_become_radians_and_the_stamp_the_replys_arrival():
+    """500 ms latency and 60 bytes at 9600 baud before the first byte was seen."""
+    ingest = usbl(clock={"source": "arrival", "latency_ms": 500})
+    ingest.take(sighting(line_bytes=60))
+    (fix,) = ingest.flush()
+    assert fix.t_ns == T0 - 500_000_000 - round(60 * 10 * 1e9 / 9600)
+    assert (fix.device, fix.beacon, fix.slant_range) == ("usbl0", "1", 87.0)
+    assert fix.bearing == pytest.approx(np.pi / 2.0)
+    assert fix.elevation == pytest.approx(-np.pi / 6.0)
+    assert ingest.flush() == []
+    assert ingest.counts.measurements == 1
+
+
+def test_what_a_sentence_does_not_carry_stays_missing():
+    ingest = usbl()
+    ingest.take(sighting(bearing_deg=None, elevation_deg=None))
+    ingest.take(sighting(slant_range_m=None))
+    fixes = ingest.flush()
+    assert [(f.bearing is None, f.slant_range is None) for f in fixes] == [
+        (True, False),
+        (False, True),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"valid": False, "error_code": "32"}, "32"),
+        ({"valid": False}, "invalid"),
+        ({"axes": "north"}, "not_array_axes"),
+        ({"bearing_deg": None, "slant_range_m": None}, "not_array_axes"),
+    ],
+)
+def test_a_record_that_is_no_fix_says_why(changes, reason):
+    ingest = usbl()
+    ingest.take(sighting(**changes))
+    assert ingest.flush() == []
+    assert dict(ingest.counts.ignored) == {reason: 1}
+
+
+def test_an_imu_record_is_no_fix():
+    ingest = usbl()
+    ingest.take(sample(0))
+    assert dict(ingest.counts.ignored) == {"not_usbl": 1}
+
+
+# --- the whole way in ------------------------------------------------------------------------
+
+
+def test_one_intake_for_each_device_of_a_configuration():
+    config = configuration(make(demo_data()))
+    assert isinstance(config, Config)
+    ways = intakes(config)
+    assert set(ways) == {"imu0", "usbl0"}
+    ways["usbl0"].feed(b"no sentence at all\r\n", T0)
+    ways["usbl0"].close()
+    counts = ways["usbl0"].counts
+    assert counts.bytes == counts.rejected_bytes == 20
+    codec = registry.lookup("tracklink-lxt")
+    options = build(codec.options, {}, [], "options")
+    ways = intakes(config)
+    ways["usbl0"].feed(codec.encode(sighting(xyz_m=None), options), T0)
+    (fix,) = ways["usbl0"].flush()
+    assert isinstance(fix, UsblFix)
+    assert fix.bearing == pytest.approx(np.pi / 2.0, abs=1e-3)
