@@ -32,7 +32,7 @@ class Backoff:
     """
 
     first_s: float = 0.25
-    longest_s: float = 5.0
+    longest_s: float = 2.0
     steady_s: float = 10.0
 
 
