@@ -182,6 +182,8 @@ def _configuration(settings: ZenohOutput) -> zenoh.Config:
     config.insert_json5("listen/endpoints", json.dumps(listen))
     config.insert_json5("connect/endpoints", json.dumps(connect))
     config.insert_json5("scouting/multicast/enabled", json.dumps(settings.multicast))
+    # The hardened service may not make shared memory, and a few hundred bytes need none.
+    config.insert_json5("transport/shared_memory/enabled", "false")
     return config
 
 
