@@ -56,6 +56,7 @@ class Estimator:
         self._begin(Memory(self._sound.copy()) if resume is None else _memory(resume))
         if resume is not None:
             self._t_last_ns = resume.t_ns
+            self._second = resume.t_ns // CALIBRATION_PERIOD_NS
 
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it."""

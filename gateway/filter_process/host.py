@@ -147,7 +147,8 @@ class FilterHost:
             self._blocked = True
             asyncio.get_running_loop().add_writer(self._socket, self._unblock, self._socket)
         except OSError:
-            return  # the worker is dying; its end is seen by `_run_once`
+            pass  # the worker is dying; its end is seen by `_run_once`
+        self.status.waiting = len(self._waiting)
 
     def _unblock(self, channel: socket.socket) -> None:
         asyncio.get_running_loop().remove_writer(channel)
