@@ -17,8 +17,8 @@ from gateway.fusion.kalman import (
 )
 from gateway.fusion.observation import Model, observe
 from gateway.fusion.ranging import Past
-from gateway.fusion.state import ATT, N_STATES, State
-from gateway.messages import Component, Innovation, UsblFix
+from gateway.fusion.state import ATT, N_STATES, POS, VEL, State
+from gateway.messages import Component, Fix, Innovation
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 from gateway.timeline import Track
@@ -29,8 +29,12 @@ LOCK_OUT = 8
 """Fixes refused in a row after which the filter doubts itself, not the fixes."""
 FREED = 3
 """Fixes used in a row after which it trusts itself again."""
-GROWTH = np.repeat([1.2, 1.4, 2.0], 3)
-"""Growth of each sigma of the pose at a refusal meanwhile; the constants are not what is wrong."""
+JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
+"""Variance that a refusal adds meanwhile to each part of the pose, relative to what it has.
+
+Independent of everything else: scaled together with its correlations, an error in position would
+be paid for by velocity, attitude and the instruments' constants.
+"""
 GATE_MAX_HEADING_SD = np.radians(5.0)
 """The gate stays open while the heading is known worse than this: it would lock out good fixes."""
 CAREFUL_PARTS = 10
@@ -89,21 +93,22 @@ class Filter:
         """Go back to a copy, which stays as it is."""
         self.memory = saved.copy()
 
-    def apply(self, fix: UsblFix, track: Track) -> Innovation:
+    def apply(self, fix: Fix, track: Track) -> Innovation:
         """Use one fix at its time, or say why not."""
         z = observe(self.model, self.memory.state, fix, track)
         if isinstance(z, str):
             return self._refuse(fix, z)
         S = innovation_covariance(self.memory.state.P, z)
         nis = normalised_square(z.residual, S)
-        if not nis >= 0.0:  # the state is not finite or the covariance not positive
+        if not (nis >= 0.0 and S.diagonal().min() > 0.0):  # not finite, or not positive
             self.memory.state.P[:] = np.nan  # so that nothing is claimed until a new start
             return self._refuse(fix, "fault")
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open())
         if accepted:
             self._use(z, fix, track)
-            self.memory.t_used_ns = fix.t_ns
+            if fix.locates:
+                self.memory.t_used_ns = fix.t_ns
         else:
             self._doubt()
         reason = "" if accepted else "gate"
@@ -111,7 +116,7 @@ class Filter:
             fix.t_ns, fix.device, fix.beacon, _components(z, S), nis, accepted, reason
         )
 
-    def _use(self, z: Linearised, fix: UsblFix, track: Track) -> None:
+    def _use(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update by a fix; in small parts while the estimate may be far off.  # (M.36)"""
         memory = self.memory
         locked_out = memory.refused_in_a_row > LOCK_OUT
@@ -133,8 +138,9 @@ class Filter:
         memory.gated += 1
         memory.refused_in_a_row += 1
         if memory.refused_in_a_row > LOCK_OUT:
-            memory.state.P[:9] *= GROWTH[:, None]
-            memory.state.P[:, :9] *= GROWTH
+            for part, share in JUMP:
+                block = memory.state.P[part, part]
+                block += share * np.trace(block) / 3.0 * np.eye(3)
 
     def _gate_is_open(self) -> bool:
         """Whether the heading is too uncertain for a linearised gate to be just."""
@@ -143,7 +149,7 @@ class Filter:
         down = C_en(lat, lon)[:, 2]
         return bool(down @ state.P[ATT, ATT] @ down > GATE_MAX_HEADING_SD**2)
 
-    def _refuse(self, fix: UsblFix, reason: str) -> Innovation:
+    def _refuse(self, fix: Fix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""
         self.memory.gated += 1
         return Innovation(fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, reason)

@@ -6,33 +6,34 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gateway.fusion.errors import FAMILY, ErrorDefinition
-from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL, State
-from gateway.nav import earth
+from gateway.fusion.state import ATT, BA, BG, LATENCY, LEVER, N_FULL, POS, VEL, State
+from gateway.nav import earth, strapdown
 
 ORIGIN = earth.lla_to_ecef(np.radians(45.0), np.radians(126.0), -20.0)
 NAMES = sorted(FAMILY)
 
-STEPS = np.empty(N_STATES)
+STEPS = np.full(N_FULL, 1e-4)
 """Steps of the differences: far above the rounding of Earth-fixed metres (1 nm)."""
-STEPS[ATT], STEPS[VEL], STEPS[POS] = 1e-3, 1e-2, 0.1
-STEPS[BG], STEPS[BA], STEPS[15:] = 1e-4, 1e-2, 1e-4
+STEPS[ATT], STEPS[VEL], STEPS[POS] = 1e-3, 1.0, 0.1
+STEPS[BG], STEPS[BA], STEPS[LEVER], STEPS[LATENCY] = 1e-2, 1e-2, 0.1, 3e-3
 
 
 def random_state(rng: np.random.Generator, spread_m: float = 300.0) -> State:
     """Any attitude, 10 m/s, hundreds of metres from `ORIGIN`, constants that are not small."""
     C = Rotation.random(rng=rng).as_matrix()
     r = ORIGIN + rng.normal(0.0, spread_m, 3)
-    state = State.at(C, rng.normal(0.0, 10.0, 3), r, np.eye(N_STATES))
+    state = State.at(C, rng.normal(0.0, 10.0, 3), r, np.eye(N_FULL))
     state.s_e[:] = rng.normal(0.0, 100.0, 3)
     state.chain[:] = Rotation.random(rng=rng).as_matrix()
-    sigma = np.repeat([1e-4, 0.01, 0.3, 0.05, 0.02], [3, 3, 3, 2, 1])
+    state.x[strapdown.LAST] = (0.01, *rng.normal(0.0, 0.005, 3), *rng.normal(0.0, 0.05, 3))
+    sigma = np.repeat([1e-4, 0.01, 0.3, 0.05, 0.02, 1.0, 0.02], [3, 3, 3, 2, 1, 3, 1])
     state.add_constants(rng.normal(0.0, sigma))
     return state
 
 
 def error_map(definition: ErrorDefinition, state: State) -> np.ndarray:
-    """(21, 21) matrix T with additive error = T xi."""
-    T = np.eye(N_STATES)
+    """(25, 25) matrix T with additive error = T xi."""
+    T = np.eye(N_FULL)
     T[:9, :9] = definition.to_additive(state, ORIGIN)
     return T
 
@@ -40,10 +41,10 @@ def error_map(definition: ErrorDefinition, state: State) -> np.ndarray:
 def derivative(
     h: Callable[[State], np.ndarray], state: State, definition: ErrorDefinition
 ) -> np.ndarray:
-    """(m, 21) derivative of `h` by the error of `definition`, fourth-order differences."""
+    """(m, 25) derivative of `h` by the error of `definition`, fourth-order differences."""
     columns = []
     for i, step in enumerate(STEPS):
-        xi = np.zeros(N_STATES)
+        xi = np.zeros(N_FULL)
 
         def at(k: float, xi=xi, i=i, step=step) -> np.ndarray:
             xi[i] = k * step

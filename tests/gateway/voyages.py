@@ -13,7 +13,7 @@ from gateway.emulator.acoustics import Fixes, acoustic_errors, measure
 from gateway.emulator.scenario import Scenario
 from gateway.emulator.sensors import ImuErrorSource, increments
 from gateway.emulator.trajectory import Trajectory
-from gateway.fusion.state import N_STATES, State
+from gateway.fusion.state import N_FULL, N_STATES, State
 from gateway.messages import ImuBlock, Measurement, UsblFix
 from gateway.nav import earth
 from gateway.schema import build
@@ -112,13 +112,15 @@ class Voyage:
 
     @cached_property
     def constants(self) -> np.ndarray:
-        """True (12,) biases and acoustic errors, in the order of `State.constants`."""
+        """True (16,) biases and acoustic errors, in the order of the full error state."""
         a = acoustic_errors(self.scenario, "usbl0", self.scenario.devices["usbl0"])
-        return np.concatenate([self.errors.bias, a.theta, [a.elevation, a.bearing, a.range_scale]])
+        acoustic = [*a.theta, a.elevation, a.bearing, a.range_scale, 0.0, 0.0, 0.0, 0.0]
+        return np.concatenate([self.errors.bias, acoustic])
 
     def state(self, t_s: float) -> State:
-        """The true state, constants too."""
-        state = true_state(self.truth, t_s)
+        """The true state, constants too, certain of everything."""
+        pose = true_state(self.truth, t_s)
+        state = State.at(pose.C_eb, pose.v_eb_e, pose.r_e, np.zeros((N_FULL, N_FULL)))
         state.add_constants(self.constants)
         return state
 
