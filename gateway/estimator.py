@@ -4,7 +4,7 @@ What comes out depends on the measurements and their order only, never on how th
 a replay gives what the live run gave.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
 from gateway.fusion.state import State
 from gateway.messages import (
     Checkpoint,
     FilterCounts,
     FilterOutput,
+    Fix,
     ImuBlock,
     Innovation,
     Measurement,
     NavSolution,
-    UsblFix,
 )
 from gateway.modes import Mode
 from gateway.timeline import Timeline
@@ -41,10 +42,19 @@ class Estimator:
         Solutions a second: one at the first sample of each period.
     resume
         Where an earlier process left off; None begins at the configured initial state.
+    engine
+        Makes the filter from its model and memory: one that also takes notes, for a replay.
     """
 
-    def __init__(self, config: Config, rate_hz: float, resume: Checkpoint | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        rate_hz: float,
+        resume: Checkpoint | None = None,
+        engine: Callable[[Model, Memory], Filter] = Filter,
+    ) -> None:
         self._config = config
+        self._engine = engine
         self._period_ns = round(1e9 / rate_hz)
         self._max_fix_age_ns = int(config.filter.max_fix_age_s * 1e9)
         self._samples = 0
@@ -82,7 +92,7 @@ class Estimator:
 
     def _begin(self, memory: Memory) -> None:
         """Start a filter and an empty history."""
-        self._filter = Filter(initial.model(self._config), memory)
+        self._filter = self._engine(initial.model(self._config), memory)
         self._timeline: Timeline[Innovation] = Timeline(
             self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s
         )
@@ -106,10 +116,9 @@ class Estimator:
         yield from self._timeline.extend(t_ns[begin:], rows[begin:])
         self._t_last_ns = int(t_ns[-1])
 
-    def _feed_fix(self, fix: UsblFix) -> Iterator[Innovation]:
+    def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
-        key = f"{fix.device}/{fix.beacon}/{fix.elevation}/{fix.bearing}/{fix.slant_range}"
-        verdicts = self._timeline.insert(fix, fix.t_ns, key)
+        verdicts = self._timeline.insert(fix, fix.t_ns, repr(fix))
         if verdicts is None:
             nan = float("nan")
             yield Innovation(fix.t_ns, fix.device, fix.beacon, (), nan, False, "late_or_duplicate")
