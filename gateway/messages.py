@@ -5,6 +5,8 @@ Vectors are tuples (messages cross a process boundary as msgpack), blocks of IMU
 of float64 rows, see `ImuBlock`.
 """
 
+from typing import ClassVar
+
 import msgspec
 
 from gateway.modes import Mode
@@ -24,22 +26,118 @@ class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
     rows: bytes
 
 
-class UsblFix(msgspec.Struct, frozen=True, array_like=True, tag="usbl"):
+class _Acoustic(msgspec.Struct, frozen=True, array_like=True):
+    """Sound of a beacon that reached an array of the vehicle at ``t_ns``."""
+
+    locates: ClassVar[bool] = True
+    """Whether it bounds the error of the position: the age of a solution counts from these."""
+
+    t_ns: int
+    device: str
+    beacon: str
+
+
+class _OfTheVehicle(msgspec.Struct, frozen=True, array_like=True):
+    """A measurement by the device, in which no beacon takes part."""
+
+    locates: ClassVar[bool] = False
+    beacon: ClassVar[str] = ""
+
+    t_ns: int
+    device: str
+
+
+class UsblFix(_Acoustic, frozen=True, tag="usbl"):
     """One acoustic fix at the moment the reply reached the array.
 
     Angles in rad in array axes `u` (bearing to starboard, elevation up), slant range in m as the
     instrument computed it with the nominal sound speed; None where the sentence did not carry it.
     """
 
-    t_ns: int
-    device: str
-    beacon: str
     elevation: float | None
     bearing: float | None
     slant_range: float | None
 
 
-Measurement = ImuBlock | UsblFix
+class BeaconRange(_Acoustic, frozen=True, tag="range"):
+    """One slant range (m) of a long baseline, at the moment this beacon's reply was heard.
+
+    ``t_transmit_ns`` is when the ping left, the same for all beacons it asked; None where the
+    instrument does not say: it follows from the range then.
+    """
+
+    slant_range: float
+    t_transmit_ns: int | None = None
+
+
+class RadialRate(_Acoustic, frozen=True, tag="rate"):
+    """Rate of the distance to a beacon (m/s, positive when it grows) by the Doppler of its sound.
+
+    ``rates`` holds one for each element of the array, or the one that the instrument made of them.
+    """
+
+    locates: ClassVar[bool] = False
+
+    rates: tuple[float, ...]
+
+
+class PositionFix(_OfTheVehicle, frozen=True, tag="position"):
+    """Geodetic WGS84 position of an antenna (rad, m) with 1-sigma north, east, down (m).
+
+    ``h`` is None where only the horizontal position is known.
+    """
+
+    locates: ClassVar[bool] = True
+
+    lat: float
+    lon: float
+    h: float | None
+    sd: Vec3
+
+
+class VelocityFix(_OfTheVehicle, frozen=True, tag="velocity"):
+    """Velocity of an antenna over ground, north, east, down (m/s), with 1-sigma of each.
+
+    ``down`` is None where only speed and course are known.
+    """
+
+    north: float
+    east: float
+    down: float | None
+    sd: Vec3
+
+
+class Depth(_OfTheVehicle, frozen=True, tag="depth"):
+    """Ellipsoidal height ``h`` of a pressure sensor (m; it falls as the depth grows), 1-sigma."""
+
+    h: float
+    sd: float
+
+
+class BottomVelocity(_OfTheVehicle, frozen=True, tag="bottom_velocity"):
+    """Velocity over the bottom (m/s) in the sensor's own axes, with 1-sigma of each component."""
+
+    v: Vec3
+    sd: Vec3
+
+
+class HeadingFix(_OfTheVehicle, frozen=True, tag="heading"):
+    """True heading of the sensor's forward axis (rad, from north to the east), 1-sigma."""
+
+    heading: float
+    sd: float
+
+
+class Stationary(_OfTheVehicle, frozen=True, tag="stationary"):
+    """The vehicle rests on the Earth: its velocity is zero, 1-sigma of each component (m/s)."""
+
+    sd: float
+
+
+Acoustic = UsblFix | BeaconRange | RadialRate
+Fix = Acoustic | PositionFix | VelocityFix | Depth | BottomVelocity | HeadingFix | Stationary
+"""What corrects the state."""
+Measurement = ImuBlock | Fix
 
 
 class NavSolution(msgspec.Struct, frozen=True, array_like=True, tag="nav"):

@@ -1,16 +1,18 @@
 """From a measurement's message to its linearised model: which beacon, which noise, which past."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.fusion import usbl
+from gateway.fusion import lbl, position, radial_velocity, usbl
 from gateway.fusion.errors import ErrorDefinition
 from gateway.fusion.kalman import Linearised
+from gateway.fusion.radial_velocity import Doppler
 from gateway.fusion.ranging import Past
 from gateway.fusion.state import State
-from gateway.messages import UsblFix
+from gateway.messages import Acoustic, BeaconRange, Fix, PositionFix, RadialRate, UsblFix
+from gateway.nav.earth import C_en, lla_to_ecef
 from gateway.timeline import Track
 
 Array = NDArray[np.float64]
@@ -27,10 +29,36 @@ class Transponder:
 
 @dataclass(frozen=True)
 class AcousticArray:
-    """An array of the vehicle: geometry and white noise of elevation, bearing (rad), range (m)."""
+    """An array of the vehicle.
+
+    Attributes
+    ----------
+    sigma
+        (3,) white noise of elevation, bearing (rad) and range (m).
+    rate_sigma
+        White noise of one element's radial rate (m/s).
+    elements_u
+        (k, 3) places of the elements in array axes (m).
+    rates_by_element
+        Whether radial rates are used one by one instead of as their mean.
+    """
 
     geometry: usbl.ArrayGeometry
     sigma: Array
+    rate_sigma: float = 0.05
+    elements_u: Array = field(default_factory=lambda: np.zeros((1, 3)))
+    rates_by_element: bool = False
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How a sensor that is no array sits in the body: (3,) lever arm (m), (3, 3) mounting."""
+
+    lever_b: Array
+    C_bs: Array
+
+
+AT_THE_IMU = Mount(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -45,6 +73,8 @@ class Model:
         (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
     gate
         Probability inside the chi-squared gate.
+    mounts
+        By device; one that is not named sits at the IMU in the body's axes.
     """
 
     error: ErrorDefinition
@@ -53,21 +83,73 @@ class Model:
     sound_speed: float
     arrays: dict[str, AcousticArray]
     beacons: dict[str, Transponder]
+    mounts: dict[str, Mount] = field(default_factory=dict)
+
+    def mount(self, device: str) -> Mount:
+        """Where a device sits."""
+        return self.mounts.get(device, AT_THE_IMU)
 
 
-def observe(model: Model, state: State, fix: UsblFix, track: Track) -> Linearised | str:
+def observe(model: Model, state: State, fix: Fix, track: Track) -> Linearised | str:
     """Linearise a measurement at the state of its time, or say in a word why it has no model."""
-    array, beacon = model.arrays[fix.device], model.beacons.get(fix.beacon)
+    match fix:
+        case UsblFix() | BeaconRange() | RadialRate():
+            return _observe_sound(model, state, fix, track)
+        case PositionFix():
+            return position.linearise(state, model.mount(fix.device).lever_b, _place(fix))
+        case _:
+            return "no_model"
+
+
+def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> Linearised | str:
+    """Linearise what an array heard of a beacon."""
+    array, beacon = model.arrays.get(fix.device), model.beacons.get(fix.beacon)
+    if array is None:
+        return "unknown_device"
     if beacon is None:
         return "unknown_beacon"
-    rows = (fix.elevation, fix.bearing, fix.slant_range)
-    measured = np.array([np.nan if v is None else v for v in rows])
-    transmit = None
-    if beacon.two_way and fix.slant_range is not None:
-        age_s = 2.0 * fix.slant_range / model.sound_speed + beacon.turnaround_s
-        transmit = past(track, fix.t_ns, age_s)
-    sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
-    return usbl.linearise(state, array.geometry, sight) or "geometry"
+    match fix:
+        case UsblFix():
+            rows = (fix.elevation, fix.bearing, fix.slant_range)
+            measured = np.array([np.nan if v is None else v for v in rows])
+            transmit = _transmit(model, beacon, fix.t_ns, None, fix.slant_range, track)
+            sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
+            return usbl.linearise(state, array.geometry, sight) or "geometry"
+        case BeaconRange():
+            sent, range_m = fix.t_transmit_ns, fix.slant_range
+            transmit = _transmit(model, beacon, fix.t_ns, sent, range_m, track)
+            reply = lbl.Reply(range_m, float(array.sigma[usbl.RANGE]), beacon.r_e, transmit)
+            return lbl.linearise(state, array.geometry.lever_b, reply)
+        case RadialRate():
+            rates = np.array(fix.rates)
+            doppler = Doppler(rates, array.rate_sigma, beacon.r_e, array.rates_by_element)
+            z = radial_velocity.linearise(state, array.geometry, array.elements_u, doppler)
+            return z or "elements"
+
+
+def _transmit(
+    model: Model,
+    beacon: Transponder,
+    t_ns: int,
+    t_transmit_ns: int | None,
+    slant_range: float | None,
+    track: Track,
+) -> Past | None:
+    """The moment the ping left: as stated, else as long before as the range tells."""
+    if not beacon.two_way:
+        return None
+    if t_transmit_ns is not None:
+        return past(track, t_ns, (t_ns - t_transmit_ns) * 1e-9)
+    if slant_range is None:
+        return None
+    return past(track, t_ns, 2.0 * slant_range / model.sound_speed + beacon.turnaround_s)
+
+
+def _place(fix: PositionFix) -> position.Place:
+    """Without a height the fix lies on the ellipsoid and says nothing about down."""
+    h, sd_down = (0.0, np.inf) if fix.h is None else (fix.h, fix.sd[2])
+    r_e = lla_to_ecef(fix.lat, fix.lon, h)
+    return position.Place(r_e, C_en(fix.lat, fix.lon), np.array([*fix.sd[:2], sd_down]))
 
 
 def past(track: Track, t_ns: int, age_s: float) -> Past:

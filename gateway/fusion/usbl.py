@@ -10,21 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.kalman import Linearised
+from gateway.fusion.kinematics import add_latency, earlier
 from gateway.fusion.ranging import Past, range_row
 from gateway.fusion.state import (
     ATT,
     DALPHA,
     DBETA,
-    LATENCY,
     LEVER,
     N_FULL,
     POS,
     THETA,
-    VEL,
     State,
 )
-from gateway.nav import strapdown as sd
-from gateway.nav.lie import exp_so3, left_jacobian, skew
+from gateway.nav.lie import left_jacobian, skew
 
 Array = NDArray[np.float64]
 
@@ -79,7 +77,7 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
 
     A bearing is left out where it has no meaning (beacon straight below). None if nothing is left.
     """
-    state, omega_e = _when_it_was_true(state)
+    state, omega_e = earlier(state)
     h = np.empty(3)
     H = np.zeros((3, N_FULL))
     measured = sight.measured
@@ -91,8 +89,7 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     _angle_rows(state, geometry, sight.beacon_e - state.r_e, r_b, r_u, H)
     lever_b = geometry.lever_b + state.lever_b
     h[RANGE] = range_row(state, lever_b, sight.beacon_e, sight.transmit, H[RANGE])
-    H[:, LATENCY] = -(H[:, POS] @ state.v_eb_e + H[:, ATT] @ omega_e)
-    H[:, VEL] -= state.latency_s * H[:, POS]
+    add_latency(state, omega_e, H)
     rows = np.flatnonzero(~np.isnan(measured))
     if rows.size == 0:
         return None
@@ -101,22 +98,6 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     H = np.ascontiguousarray(H[rows][:, state.columns])
     names = tuple(ROW_NAMES[i] for i in rows)
     return Linearised(residual[rows], H, np.diag(sight.sigma[rows] ** 2), names)
-
-
-def _when_it_was_true(state: State) -> tuple[State, Array]:
-    """The state ``latency_s`` earlier than the stamp says, and the body's rate in e (rad/s).
-
-    # (M.46)
-    """
-    dt, increment = state.x[sd.LAST][0], state.x[sd.LAST][1:4]
-    omega_b = increment / dt - state.b_g if dt > 0.0 else np.zeros(3)
-    omega_e = state.C_eb @ omega_b
-    latency = state.latency_s
-    if latency != 0.0:
-        state = state.copy()
-        state.r_e[:] -= latency * state.v_eb_e
-        state.C_eb[:] = exp_so3(-latency * omega_e) @ state.C_eb
-    return state, omega_e
 
 
 def _angle_rows(

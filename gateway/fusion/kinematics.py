@@ -1,0 +1,66 @@
+"""A point fixed to the turning body: the body's rate, a lever arm's velocity, a moment earlier."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.fusion.state import ATT, LATENCY, POS, VEL, State
+from gateway.nav import strapdown as sd
+from gateway.nav.earth import OMEGA_IE
+from gateway.nav.lie import exp_so3, skew
+
+Array = NDArray[np.float64]
+
+OMEGA_IE_E = np.array([0.0, 0.0, OMEGA_IE])
+
+
+def body_rate(state: State) -> Array:
+    """(3,) omega_ib_b, rad/s, of the newest whole sample; zero before the first.  # (M.70)"""
+    dt, increment = state.x[sd.LAST][0], state.x[sd.LAST][1:4]
+    rate: Array = increment / dt - state.b_g if dt > 0.0 else np.zeros(3)
+    return rate
+
+
+class LeverVelocity(NamedTuple):
+    """Velocity over the Earth of a point of the body, (3,) in e, with its (3, 3) derivatives.
+
+    The attitude's derivative is of the part that the turning adds; the velocity's is the identity.
+    """
+
+    v_e: Array
+    by_attitude: Array
+    by_gyro_bias: Array
+    by_lever: Array
+
+
+def lever_velocity(state: State, lever_b: Array) -> LeverVelocity:
+    """``v_eb_e + omega_eb_e x C_eb l``, the Earth's own turning taken out.  # (M.71)"""
+    C = state.C_eb
+    omega_ib_e = C @ body_rate(state)
+    omega_eb_e = omega_ib_e - OMEGA_IE_E
+    l_e = C @ lever_b
+    L, W = skew(l_e), skew(omega_eb_e)
+    return LeverVelocity(
+        state.v_eb_e + W @ l_e,
+        L @ skew(omega_ib_e) - W @ L,
+        L @ C,
+        W @ C,
+    )
+
+
+def earlier(state: State) -> tuple[State, Array]:
+    """The state ``latency_s`` before its stamp, and the body's rate in e (rad/s).  # (M.46)"""
+    omega_e = state.C_eb @ body_rate(state)
+    latency = state.latency_s
+    if latency != 0.0:
+        state = state.copy()
+        state.r_e[:] -= latency * state.v_eb_e
+        state.C_eb[:] = exp_so3(-latency * omega_e) @ state.C_eb
+    return state, omega_e
+
+
+def add_latency(state: State, omega_e: Array, H: Array) -> None:
+    """Complete the rows of acoustic models taken at the state that `earlier` gave.  # (M.46)"""
+    H[:, LATENCY] = -(H[:, POS] @ state.v_eb_e + H[:, ATT] @ omega_e)
+    H[:, VEL] -= state.latency_s * H[:, POS]
