@@ -20,10 +20,14 @@ The covariance is that of the additive error ``[phi_e, dv_e, dr_e, db_g, db_a, c
 (estimate minus truth, attitude error on the left): F is sparse there, and `gateway.fusion.errors`
 maps it to the error definition in use.
 
+Nothing is allocated per sample: three numbers are a tuple, and what is larger lives in `_Scratch`,
+in rows of fixed pitch, whose distance the compiler knows when it forms vector instructions.
+
 `NUMBA_DISABLE_JIT=1` runs the same functions as plain Python.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +36,7 @@ from gateway.nav.compiled import compiled
 from gateway.nav.earth import E2, GAMMA_E, M_RATIO, OMEGA_IE, SOMIGLIANA_K, A, F
 
 Array = NDArray[np.float64]
+Vec = tuple[float, float, float]
 
 C_EB, V_EB_E, R_E = slice(0, 9), slice(9, 12), slice(12, 15)
 B_G, B_A, S_E = slice(15, 18), slice(18, 21), slice(21, 24)
@@ -42,15 +47,46 @@ N_MEAN = 40
 N_CORE = 15
 """Error states of the strapdown: attitude, velocity, position, gyro and accelerometer bias."""
 
+PITCH = 28
+"""Length of the rows in which a covariance is kept at work, and the largest n: a whole number of
+vector registers, for with any other the compiler makes no vector instructions."""
+
 GAP_TURN = 0.05**2
 GAP_FORCE = 0.3**2
 """Density of the unseen changes of rate ((rad/s)^2/s) and of specific force ((m/s^2)^2/s) in a gap:
 a vessel in a seaway. They are integrated once over the time missing."""
 
 
+class _Scratch(NamedTuple):
+    """Room for the work on one sample.
+
+    ``u``, ``C_mid`` are those of `mechanise`, ``gradient`` that of gravity. ``top`` holds the first
+    15 rows of the covariance, the only ones that change but for their mirror; ``square`` columns
+    of the first nine, turned.
+    """
+
+    u: Array
+    C_mid: Array
+    gradient: Array
+    top: Array
+    square: Array
+
+
 @compiled
-def _gravity(r: Array, g: Array) -> None:
-    """Normal gravity with the centrifugal part at ECEF `r`, resolved in e, into `g`.  # (M.10)
+def _scratch() -> _Scratch:
+    """Fresh room; zeros, so that nothing undefined is ever computed with."""
+    return _Scratch(
+        np.zeros(3),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(N_CORE * PITCH),
+        np.zeros(N_CORE * PITCH),
+    )
+
+
+@compiled
+def _gravity(r: Vec | Array) -> Vec:
+    """Normal gravity with the centrifugal part at ECEF `r`, resolved in e.  # (M.10)
 
     Latitude by Bowring's formula (once is exact to 1e-11 rad near the Earth's surface),
     Somigliana's formula and the second-order free-air reduction.
@@ -64,15 +100,13 @@ def _gravity(r: Array, g: Array) -> None:
     h = p * c + r[2] * s - A * w
     g0 = GAMMA_E * (1.0 + SOMIGLIANA_K * s * s) / w
     gh = g0 * (1.0 - 2.0 / A * (1.0 + F + M_RATIO - 2.0 * F * s * s) * h + 3.0 * h * h / (A * A))
-    if p > 0.0:
-        g[0], g[1] = -gh * c * r[0] / p, -gh * c * r[1] / p
-    else:
-        g[0], g[1] = 0.0, 0.0
-    g[2] = -gh * s
+    if not p > 0.0:
+        return 0.0, 0.0, -gh * s
+    return -gh * c * r[0] / p, -gh * c * r[1] / p, -gh * s
 
 
 @compiled
-def _rotate(x: Array, at: int, phi: Array, earth: float) -> None:
+def _rotate(x: Array, at: int, phi: Vec, earth: float) -> None:
     """C <- Exp(-w_ie dt) C Exp(phi) for the matrix that begins at ``x[at]``.  # (M.11)"""
     t2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     if t2 < 1e-8:
@@ -99,15 +133,25 @@ def _rotate(x: Array, at: int, phi: Array, earth: float) -> None:
 
 
 @compiled
-def _cross(a: Array, b: Array, k: float, out: Array) -> None:
-    """Add ``k a x b`` to `out`."""
-    out[0] += k * (a[1] * b[2] - a[2] * b[1])
-    out[1] += k * (a[2] * b[0] - a[0] * b[2])
-    out[2] += k * (a[0] * b[1] - a[1] * b[0])
+def _cross(a: Vec, b: Vec) -> Vec:
+    """``a x b``."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> None:
+def _plus(a: Vec, k: float, b: Vec) -> Vec:
+    """``a + k b``."""
+    return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
+
+
+@compiled
+def _three(x: Array, at: int) -> Vec:
+    """The three numbers that begin at ``x[at]``."""
+    return x[at], x[at + 1], x[at + 2]
+
+
+@compiled
+def _compensate(x: Array, row: Array, part: float) -> tuple[Vec, Vec]:
     """Rotation vector and velocity increment, in the axes of the start, of a `part` of one sample.
 
     Biases off, coning and sculling from the sample before, rotation during the part to third
@@ -115,23 +159,14 @@ def _compensate(x: Array, row: Array, part: float, phi: Array, dvs: Array) -> No
 
     A part of a sample is the same motion for a shorter time: a measurement may split it anywhere.
     """
-    dth, dvl = np.empty(3), np.empty(3)
-    dth0, dvl0 = np.empty(3), np.empty(3)
-    turned = np.zeros(3)
-    for i in range(3):
-        dth[i] = row[1 + i] - x[15 + i] * row[0]
-        dvl[i] = row[4 + i] - x[18 + i] * row[0]
-        dth0[i] = x[34 + i] - x[15 + i] * x[33]
-        dvl0[i] = x[37 + i] - x[18 + i] * x[33]
-        phi[i] = part * dth[i]
-        dvs[i] = part * dvl[i]
-    _cross(dth0, dth, part / 12.0, phi)
-    _cross(dth, dvl, part * part / 2.0, turned)
-    for i in range(3):
-        dvs[i] += turned[i]
-    _cross(dth, turned, part / 3.0, dvs)
-    _cross(dth0, dvl, part / 12.0, dvs)
-    _cross(dvl0, dth, part / 12.0, dvs)
+    zero, b_g, b_a = (0.0, 0.0, 0.0), _three(x, 15), _three(x, 18)
+    dth, dvl = _plus(_three(row, 1), -row[0], b_g), _plus(_three(row, 4), -row[0], b_a)
+    dth0, dvl0 = _plus(_three(x, 34), -x[33], b_g), _plus(_three(x, 37), -x[33], b_a)
+    phi = _plus(_plus(zero, part, dth), part / 12.0, _cross(dth0, dth))
+    turned = _plus(zero, part * part / 2.0, _cross(dth, dvl))
+    dvs = _plus(_plus(turned, part, dvl), part / 3.0, _cross(dth, turned))
+    sculling = _plus(_cross(dth0, dvl), 1.0, _cross(dvl0, dth))
+    return phi, _plus(dvs, part / 12.0, sculling)
 
 
 @compiled
@@ -151,8 +186,7 @@ def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None
         given back for the covariance.
     """
     dt = part * row[0]
-    phi, dvs, g = np.empty(3), np.empty(3), np.empty(3)
-    _compensate(x, row, part, phi, dvs)
+    phi, dvs = _compensate(x, row, part)
     for i in range(3):
         k = 3 * i
         u[i] = x[k] * dvs[0] + x[k + 1] * dvs[1] + x[k + 2] * dvs[2]
@@ -162,19 +196,17 @@ def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None
     u0 = u[0]
     u[0] += half * u[1]
     u[1] -= half * u0
-    r_mid = np.empty(3)
-    for i in range(3):
-        r_mid[i] = x[12 + i] + 0.5 * dt * x[9 + i]
-    _gravity(r_mid, g)
+    g = _gravity(_plus(_three(x, 12), 0.5 * dt, _three(x, 9)))
     vm0 = x[9] + 0.5 * (u[0] + g[0] * dt)
     vm1 = x[10] + 0.5 * (u[1] + g[1] * dt)
-    dv0 = u[0] + (g[0] + 2.0 * OMEGA_IE * vm1) * dt
-    dv1 = u[1] + (g[1] - 2.0 * OMEGA_IE * vm0) * dt
-    dv2 = u[2] + g[2] * dt
+    dv = (
+        u[0] + (g[0] + 2.0 * OMEGA_IE * vm1) * dt,
+        u[1] + (g[1] - 2.0 * OMEGA_IE * vm0) * dt,
+        u[2] + g[2] * dt,
+    )
     for i in range(3):
-        dv = dv0 if i == 0 else (dv1 if i == 1 else dv2)
-        ds = dt * (x[9 + i] + 0.5 * dv)
-        x[9 + i] += dv
+        ds = dt * (x[9 + i] + 0.5 * dv[i])
+        x[9 + i] += dv[i]
         x[12 + i] += ds
         x[21 + i] += ds
     _rotate(x, 0, phi, OMEGA_IE * dt)
@@ -185,34 +217,40 @@ def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None
 
 
 @compiled
-def _transition(M: Array, dt: float, u: Array, C: Array, gradient: Array, out: Array) -> None:
-    """``out = Phi M`` for the nine rows that Phi changes; `M` is (n, m), `out` (9, m).  # (M.16)"""
+def _transition(M: Array, columns: int, dt: float, u: Array, C: Array, gradient: Array) -> None:
+    """``M <- Phi M`` in place for `columns` columns, rows of `PITCH`, 15 of them.  # (M.16)"""
     wd = OMEGA_IE * dt
-    for j in range(M.shape[1]):
-        p0, p1, p2 = M[0, j], M[1, j], M[2, j]
-        b0, b1, b2 = M[9, j], M[10, j], M[11, j]
-        a0, a1, a2 = M[12, j], M[13, j], M[14, j]
-        g0 = -dt * (C[0, 0] * b0 + C[0, 1] * b1 + C[0, 2] * b2)
-        g1 = -dt * (C[1, 0] * b0 + C[1, 1] * b1 + C[1, 2] * b2)
-        g2 = -dt * (C[2, 0] * b0 + C[2, 1] * b1 + C[2, 2] * b2)
-        out[0, j] = p0 + wd * p1 + g0
-        out[1, j] = p1 - wd * p0 + g1
-        out[2, j] = p2 + g2
+    u0, u1, u2 = u[0], u[1], u[2]
+    c00, c01, c02 = dt * C[0, 0], dt * C[0, 1], dt * C[0, 2]
+    c10, c11, c12 = dt * C[1, 0], dt * C[1, 1], dt * C[1, 2]
+    c20, c21, c22 = dt * C[2, 0], dt * C[2, 1], dt * C[2, 2]
+    d00, d11, d22 = dt * gradient[0, 0], dt * gradient[1, 1], dt * gradient[2, 2]
+    d01, d02, d12 = dt * gradient[0, 1], dt * gradient[0, 2], dt * gradient[1, 2]
+    for j in range(columns):
+        p0, p1, p2 = M[j], M[j + PITCH], M[j + 2 * PITCH]
+        v0, v1, v2 = M[j + 3 * PITCH], M[j + 4 * PITCH], M[j + 5 * PITCH]
+        r0, r1, r2 = M[j + 6 * PITCH], M[j + 7 * PITCH], M[j + 8 * PITCH]
+        b0, b1, b2 = M[j + 9 * PITCH], M[j + 10 * PITCH], M[j + 11 * PITCH]
+        a0, a1, a2 = M[j + 12 * PITCH], M[j + 13 * PITCH], M[j + 14 * PITCH]
+        g0 = -(c00 * b0 + c01 * b1 + c02 * b2)
+        g1 = -(c10 * b0 + c11 * b1 + c12 * b2)
+        g2 = -(c20 * b0 + c21 * b1 + c22 * b2)
         m0, m1, m2 = p0 + 0.5 * g0, p1 + 0.5 * g1, p2 + 0.5 * g2
-        r0, r1, r2 = M[6, j], M[7, j], M[8, j]
-        v0, v1, v2 = M[3, j], M[4, j], M[5, j]
-        f0 = (u[2] * m1 - u[1] * m2) - dt * (C[0, 0] * a0 + C[0, 1] * a1 + C[0, 2] * a2)
-        f1 = (u[0] * m2 - u[2] * m0) - dt * (C[1, 0] * a0 + C[1, 1] * a1 + C[1, 2] * a2)
-        f2 = (u[1] * m0 - u[0] * m1) - dt * (C[2, 0] * a0 + C[2, 1] * a1 + C[2, 2] * a2)
-        f0 += dt * (gradient[0, 0] * r0 + gradient[0, 1] * r1 + gradient[0, 2] * r2)
-        f1 += dt * (gradient[1, 0] * r0 + gradient[1, 1] * r1 + gradient[1, 2] * r2)
-        f2 += dt * (gradient[2, 0] * r0 + gradient[2, 1] * r1 + gradient[2, 2] * r2)
-        out[3, j] = v0 + f0 + 2.0 * wd * v1
-        out[4, j] = v1 + f1 - 2.0 * wd * v0
-        out[5, j] = v2 + f2
-        out[6, j] = r0 + dt * (v0 + 0.5 * f0)
-        out[7, j] = r1 + dt * (v1 + 0.5 * f1)
-        out[8, j] = r2 + dt * (v2 + 0.5 * f2)
+        f0 = u2 * m1 - u1 * m2 - (c00 * a0 + c01 * a1 + c02 * a2)
+        f1 = u0 * m2 - u2 * m0 - (c10 * a0 + c11 * a1 + c12 * a2)
+        f2 = u1 * m0 - u0 * m1 - (c20 * a0 + c21 * a1 + c22 * a2)
+        f0 += d00 * r0 + d01 * r1 + d02 * r2
+        f1 += d01 * r0 + d11 * r1 + d12 * r2
+        f2 += d02 * r0 + d12 * r1 + d22 * r2
+        M[j] = p0 + wd * p1 + g0
+        M[j + PITCH] = p1 - wd * p0 + g1
+        M[j + 2 * PITCH] = p2 + g2
+        M[j + 3 * PITCH] = v0 + f0 + 2.0 * wd * v1
+        M[j + 4 * PITCH] = v1 + f1 - 2.0 * wd * v0
+        M[j + 5 * PITCH] = v2 + f2
+        M[j + 6 * PITCH] = r0 + dt * (v0 + 0.5 * f0)
+        M[j + 7 * PITCH] = r1 + dt * (v1 + 0.5 * f1)
+        M[j + 8 * PITCH] = r2 + dt * (v2 + 0.5 * f2)
 
 
 @compiled
@@ -227,6 +265,48 @@ def _gravity_gradient(r: Array, out: Array) -> None:
 
 
 @compiled
+def _take(P: Array, top: Array) -> None:
+    """Copy the first 15 rows of `P` to where the work on them is done."""
+    if P.shape[0] > PITCH:
+        raise ValueError("more states than the strapdown has room for")
+    for i in range(N_CORE):
+        for j in range(P.shape[0]):
+            top[i * PITCH + j] = P[i, j]
+
+
+@compiled
+def _give(top: Array, P: Array) -> None:
+    """Copy the rows back, and their mirror."""
+    for i in range(N_CORE):
+        for j in range(P.shape[0]):
+            P[i, j] = top[i * PITCH + j]
+            P[j, i] = top[i * PITCH + j]
+
+
+@compiled
+def _predict(s: _Scratch, n: int, dt: float, missing: float, r_e: Array, q: Array) -> None:
+    """``P <- Phi P Phi^T + Q`` for the rows in ``s.top``, block by block.  # (M.16), (M.17)"""
+    top, square = s.top, s.square
+    _gravity_gradient(r_e, s.gradient)
+    _transition(top, n, dt, s.u, s.C_mid, s.gradient)
+    for i in range(N_CORE):
+        for j in range(9):
+            square[i * PITCH + j] = top[j * PITCH + i]
+    _transition(square, 9, dt, s.u, s.C_mid, s.gradient)
+    for i in range(9):
+        for j in range(9, N_CORE):
+            top[j * PITCH + i] = top[i * PITCH + j]
+        for j in range(9):
+            top[i * PITCH + j] = 0.5 * (square[i * PITCH + j] + square[j * PITCH + i])
+    blind = missing * missing * missing / 3.0
+    for i in range(3):
+        top[i * PITCH + i] += q[0] * dt + GAP_TURN * blind
+        top[(3 + i) * PITCH + 3 + i] += q[1] * dt + GAP_FORCE * blind
+        top[(9 + i) * PITCH + 9 + i] += q[2] * dt
+        top[(12 + i) * PITCH + 12 + i] += q[3] * dt
+
+
+@compiled
 def predict(
     P: Array, dt: float, missing: float, u: Array, C_mid: Array, r_e: Array, q: Array
 ) -> None:
@@ -235,7 +315,7 @@ def predict(
     Parameters
     ----------
     P
-        (n, n) covariance of the additive error, n >= 15.
+        (n, n) covariance of the additive error, 15 <= n <= 28.
     dt, u, C_mid, r_e
         Interval and, from `mechanise`, the velocity increment, the middle attitude; the position.
     missing
@@ -243,40 +323,30 @@ def predict(
     q
         (4,) spectral densities of angle and velocity random walk and of the bias walks, SI units.
     """
-    n = P.shape[0]
-    gradient = np.empty((3, 3))
-    _gravity_gradient(r_e, gradient)
-    top = np.empty((9, n))
-    _transition(P, dt, u, C_mid, gradient, top)
-    for i in range(9):
-        for j in range(9, n):
-            P[i, j] = top[i, j]
-            P[j, i] = top[i, j]
-    square = np.empty((9, 9))
-    _transition(top.T, dt, u, C_mid, gradient, square)
-    for i in range(9):
-        for j in range(i + 1):
-            m = 0.5 * (square[i, j] + square[j, i])
-            P[i, j] = m
-            P[j, i] = m
-    blind = missing * missing * missing / 3.0
-    for i in range(3):
-        P[i, i] += q[0] * dt + GAP_TURN * blind
-        P[3 + i, 3 + i] += q[1] * dt + GAP_FORCE * blind
-        P[9 + i, 9 + i] += q[2] * dt
-        P[12 + i, 12 + i] += q[3] * dt
+    s = _scratch()
+    s.u[:], s.C_mid[:] = u, C_mid
+    _take(P, s.top)
+    _predict(s, P.shape[0], dt, missing, r_e, q)
+    _give(s.top, P)
+
+
+@compiled
+def _remember(x: Array, row: Array) -> None:
+    """Keep a sample for the coning and sculling of the next."""
+    for i in range(7):
+        x[33 + i] = row[i]
 
 
 @compiled
 def advance(x: Array, P: Array, row: Array, begin: float, end: float, q: Array) -> None:
     """Carry mean and covariance over the share ``begin..end`` of one sample's interval."""
-    u, C_mid = np.empty(3), np.empty((3, 3))
-    part = end - begin
-    mechanise(x, row, part, u, C_mid)
-    predict(P, part * row[0], part * row[7], u, C_mid, x[12:15], q)
+    s, part = _scratch(), end - begin
+    mechanise(x, row, part, s.u, s.C_mid)
+    _take(P, s.top)
+    _predict(s, P.shape[0], part * row[0], part * row[7], x[12:15], q)
+    _give(s.top, P)
     if end == 1.0:
-        for i in range(7):
-            x[33 + i] = row[i]
+        _remember(x, row)
 
 
 @compiled
@@ -294,7 +364,12 @@ def run(x: Array, P: Array, rows: Array, q: Array, track: Array) -> None:
     track
         (k, 12) out: ``S_E`` and ``CHAIN`` after each sample.
     """
+    s = _scratch()
+    _take(P, s.top)
     for k in range(rows.shape[0]):
-        advance(x, P, rows[k], 0.0, 1.0, q)
+        mechanise(x, rows[k], 1.0, s.u, s.C_mid)
+        _predict(s, P.shape[0], rows[k, 0], rows[k, 7], x[12:15], q)
+        _remember(x, rows[k])
         for i in range(12):
             track[k, i] = x[21 + i]
+    _give(s.top, P)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL
+from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL, State
 from gateway.nav import earth, strapdown
 from gateway.nav.lie import log_so3, skew
 from tests.gateway.states import ORIGIN
@@ -34,22 +34,13 @@ def away(state, truth):
 
 @settings(deadline=None)
 @given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0), st.floats(-11_000.0, 9_000.0))
-def test_gravity_kernel_is_the_earths(lat_deg, lon_deg, h):
+def test_what_falls_falls_with_the_earths_gravity(lat_deg, lon_deg, h):
+    """A microsecond from rest, sensing nothing: the compiled gravity against the module earth."""
     lat, lon = np.radians([lat_deg, lon_deg])
-    g = np.empty(3)
-    strapdown._gravity(earth.lla_to_ecef(lat, lon, h), g)
-    np.testing.assert_allclose(g, earth.C_en(lat, lon) @ earth.gravity_n(lat, h), atol=3e-10)
-
-
-def test_gravity_gradient_is_near_the_derivative_of_gravity():
-    """Spherical and without the centrifugal part: 1 % of the largest element is left out."""
-    gradient, ahead, behind = np.empty((3, 3)), np.empty(3), np.empty(3)
-    strapdown._gravity_gradient(ORIGIN, gradient)
-    for i, step in enumerate(100.0 * np.eye(3)):
-        strapdown._gravity(ORIGIN + step, ahead)
-        strapdown._gravity(ORIGIN - step, behind)
-        exact = (ahead - behind) / 200.0
-        np.testing.assert_allclose(gradient[:, i], exact, atol=0.01 * 2.0 * 9.81 / earth.A)
+    C, r = earth.C_en(lat, lon), earth.lla_to_ecef(lat, lon, h)
+    state = State.at(np.eye(3), np.zeros(3), r, np.zeros((N_STATES, N_STATES)))
+    run(state, np.array([[1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    np.testing.assert_allclose(state.v_eb_e / 1e-6, C @ earth.gravity_n(lat, h), atol=2e-9)
 
 
 # --- the mean against exact increments of analytic motion ------------------------------------
@@ -170,14 +161,19 @@ def test_one_split_sample_is_the_whole(cut):
 
 
 def step_of(state, row):
-    """The mean after one sample, and the code's (21, 21) transition over it."""
+    """The mean after one sample, and the code's (21, 21) transition over it.
+
+    The last constant goes through a prediction unchanged: correlated with another state, its column
+    comes back as the transition's column of that state.
+    """
     after, u, C_mid = state.copy(), np.empty(3), np.empty((3, 3))
     strapdown.mechanise(after.x, row, 1.0, u, C_mid)
-    gradient, top = np.empty((3, 3)), np.empty((9, N_STATES))
-    strapdown._gravity_gradient(after.r_e, gradient)
-    strapdown._transition(np.eye(N_STATES), row[0], u, C_mid, gradient, top)
-    Phi = np.eye(N_STATES)
-    Phi[:9] = top
+    Phi, last = np.eye(N_STATES), N_STATES - 1
+    for i in range(last):
+        P = np.zeros((N_STATES, N_STATES))
+        P[i, last] = P[last, i] = 1.0
+        strapdown.predict(P, row[0], 0.0, u, C_mid, after.r_e, QUIET)
+        Phi[:last, i] = P[:last, last]
     return after, Phi, (u, C_mid)
 
 
@@ -209,6 +205,7 @@ def test_transition_over_one_sample_is_the_derivative_of_the_mean():
     assert left_out[VEL].max() < 2e-7
     assert left_out[POS].max() < 1e-5
     assert left_out[POS, VEL].max() < 2e-8
+    assert left_out[VEL, POS].max() < 0.01 * np.abs(Phi[VEL, POS]).max()  # gravity's gradient
     np.testing.assert_array_equal(left_out[9:], 0.0)
     np.testing.assert_array_equal(Phi[15:], np.eye(N_STATES)[15:])
 
@@ -257,8 +254,8 @@ def test_noise_grows_as_the_continuous_model_says():
     run(state, rows, q)
     omega, f = (a[0] for a in truth.inertial(np.array([30.0])))
     C = true_state(truth, 30.0).C_eb
-    W, G = skew(np.array([0.0, 0.0, earth.OMEGA_IE])), np.empty((3, 3))
-    strapdown._gravity_gradient(state.r_e, G)
+    W, up = skew(np.array([0.0, 0.0, earth.OMEGA_IE])), state.r_e / np.linalg.norm(state.r_e)
+    G = -9.81 / np.linalg.norm(state.r_e) * (np.eye(3) - 3.0 * np.outer(up, up))
     F = np.zeros((15, 15))
     F[ATT, ATT], F[ATT, BG] = -W, -C
     F[VEL, ATT], F[VEL, VEL], F[VEL, POS], F[VEL, BA] = -skew(C @ f), -2.0 * W, G, -C
