@@ -1,0 +1,258 @@
+"""The daemon as a process among processes: what fails around it, what it says, how it goes on."""
+
+import asyncio
+import os
+import signal
+import socket
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.links.base import LinkCounts, LinkLost
+from drivers.links.serial import open_serial
+from drivers.records import ImuRecord
+from drivers.settings import SerialLink
+from tests.integration.cables import Cable, PtyEnd, TcpEnd, UdpEnd, free_port
+from tests.integration.rig import USBLNAV, Rig, session
+from tests.shared_data import ROOT
+
+
+async def test_a_killed_filter_takes_up_where_it_was(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    async with rig.gateway(), rig.emulator():
+        rig.hear_zenoh()
+        await rig.until("a true position", rig.is_right)
+        await rig.until("eight fixes", lambda: rig.navs and rig.navs[-1].fixes_used >= 8)
+        killed, used = rig.worker(), rig.navs[-1].fixes_used
+        os.kill(killed, signal.SIGKILL)
+        await rig.until("the report", lambda: rig.said("killed by SIGKILL; starting it again"))
+        rig.navs.clear()
+        await rig.until("a solution", lambda: rig.navs)
+        assert used - 2 <= rig.navs[0].fixes_used  # a checkpoint is at most a second old
+        await rig.until("more fixes", lambda: rig.navs[-1].fixes_used > used)
+        await rig.until("a true position again", rig.is_right)
+        await rig.until("the status", lambda: rig.statuses[-1]["filter"]["ready"])
+        assert rig.statuses[-1]["filter"]["restarts"] == 1
+        assert rig.statuses[-1]["filter"]["pid"] == rig.worker() != killed
+        assert len(rig.said("filter process")) == 1
+    times = [epoch.t_s for epoch in rig.epochs]
+    assert times == sorted(set(times))
+
+
+async def test_stopping_gives_everything_back(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    (imu, usbl), tcp = rig.links(), free_port(socket.SOCK_STREAM)
+    rig.write({"outputs": [{"type": "nmea", "link": {"type": "tcp", "port": tcp}}]})
+    async with rig.emulator():
+        async with rig.gateway():
+            await rig.until("the array's line", lambda: rig.said("navigation: aided"))
+            with pytest.raises(OSError, match="in use"):
+                bind(socket.SOCK_DGRAM, imu["port"])
+            with pytest.raises(OSError, match="in use"):
+                bind(socket.SOCK_STREAM, tcp)
+            with pytest.raises(LinkLost, match="in use by another program"):
+                await open_once(usbl)
+        bind(socket.SOCK_DGRAM, imu["port"])
+        bind(socket.SOCK_STREAM, tcp)
+        await open_once(usbl)
+
+
+def bind(kind: socket.SocketKind, port: int) -> None:
+    """Take a port as the gateway would at its next start."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if kind == socket.SOCK_STREAM:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(("127.0.0.1", port))
+
+
+async def open_once(link: dict[str, Any]) -> None:
+    async with open_serial(SerialLink(link["port"], link["baud"]), LinkCounts()):
+        pass
+
+
+async def test_no_filter_outlives_a_killed_daemon(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    async with rig.gateway(ends=-signal.SIGKILL):
+        assert len(session(rig.process.pid)) == 2
+        rig.process.kill()
+        deadline = time.monotonic() + 5.0
+        while session(rig.process.pid):
+            assert time.monotonic() < deadline
+            await asyncio.sleep(0.02)
+
+
+async def test_an_absent_array_comes_goes_and_comes_back(tmp_path: Path) -> None:
+    adapter = PtyEnd(tmp_path / "usbl0")
+    with Cable(adapter) as cable:
+        rig = Rig(tmp_path, cables={"usbl0": cable})
+        async with rig.gateway(), rig.emulator():
+            await rig.until("inertial only", lambda: rig.is_now(6, "A", "E"))
+            (absent,) = rig.said("usbl0: ")
+            assert absent.endswith("usbl0: no such file or directory; trying until it is back")
+            adapter.plug()
+            await rig.until("a true position", rig.is_right)
+            await rig.until("news of it", lambda: rig.said("usbl0: back after"))
+            adapter.unplug()
+            await rig.until("news of the loss", lambda: rig.said("usbl0: ")[2:])
+            await rig.until("dead reckoning", lambda: rig.is_now(6, "A", "E"))
+            assert rig.error_m(rig.epochs[-1]) is not None
+            adapter.plug()
+            await rig.until("a true position again", rig.is_right)
+        assert rig.said("navigation: ") == [
+            f"usblnav: navigation: {change}"
+            for change in (
+                "aligning (was invalid)",
+                "aided (was aligning)",
+                "dead_reckoning (was aided)",
+                "aided (was dead_reckoning)",
+            )
+        ]
+        # The inertial part went on all the while.
+        assert max(b.t_s - a.t_s for a, b in pairwise(rig.epochs)) < 0.35
+
+
+async def test_an_imu_behind_a_terminal_server_survives_junk_and_a_reset(tmp_path: Path) -> None:
+    server = TcpEnd()
+    with Cable(server) as cable:
+        rig = Rig(tmp_path, cables={"imu0": cable})
+        async with rig.gateway(), rig.emulator():
+            rig.hear_zenoh()
+            await rig.until("a true position", rig.is_right)
+            junk = bytes(range(1, 250)) * 40
+            server.send(junk)
+            await rig.until("the junk", lambda: rig.device("imu0")["rejected_bytes"] >= len(junk))
+            imu = rig.device("imu0")
+            assert (imu["rejected_bytes"], imu["gaps"]) == (len(junk), 0)
+            server.reset()
+            await rig.until("the loss", lambda: rig.said("imu0: "))
+            await rig.until("the recovery", lambda: rig.said("imu0: back after"))
+            await rig.until("the gap", lambda: rig.device("imu0")["gaps"] == 1)
+            seen = len(rig.navs)
+            await rig.until("navigation", lambda: rig.navs[seen + 10 :] and rig.is_right())
+            place = f"tcp {server.link['host']}:{server.link['port']}"
+            assert rig.said("imu0: ")[0] == (
+                f"usblnav: imu0: {place}: connection reset by peer; trying until it is back"
+            )
+            assert len(rig.said("imu0: ")) == 2
+
+
+async def test_a_stranger_is_refused_and_a_taken_port_waited_for(tmp_path: Path) -> None:
+    end = UdpEnd(allow=["127.0.0.1"])
+    with (
+        Cable(end) as cable,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        rig = Rig(tmp_path, cables={"imu0": cable})
+        holder.bind(("127.0.0.1", end.port))
+        stranger.bind(("127.0.0.2", 0))
+        async with rig.gateway(), rig.emulator():
+            rig.hear_zenoh()
+            await rig.until("news of the port", lambda: rig.said("address already in use"))
+            holder.close()
+            await rig.until("a true position", rig.is_right)
+            spin = ImuRecord(
+                t_rx_ns=0,
+                sequence=0,
+                delta_angle_rad=(0.0, 0.0, 0.5),
+                specific_force_m_s2=(50.0, 0.0, 0.0),
+            )
+            for _ in range(100):
+                stranger.sendto(KVH1750.encode(spin, KvhOptions()), ("127.0.0.1", end.port))
+            await rig.until("count", lambda: rig.device("imu0")["refused_datagrams"] == 100)
+            seen = len(rig.navs)
+            await rig.until("a second more", lambda: rig.navs[seen + 10 :])
+            await rig.until("a true position still", rig.is_right)
+            assert rig.device("imu0")["gaps"] == 0
+
+
+async def test_a_silent_imu_is_no_position_and_comes_back_by_itself(tmp_path: Path) -> None:
+    with Cable(UdpEnd()) as cable:
+        rig = Rig(tmp_path, cables={"imu0": cable})
+        async with rig.gateway(), rig.emulator():
+            rig.hear_zenoh()
+            await rig.until("a true position", rig.is_right)
+            cable.cut = True
+            await rig.until("no position", lambda: rig.is_now(0, "V", "N"), within_s=3.0)
+            assert rig.epochs[-1][-2:] == (None, None)
+            await rig.until("an alarm", lambda: rig.said("imu0: silent for"))
+            await rig.until("status", lambda: rig.statuses[-1]["mode"] == "invalid", within_s=5.0)
+            assert rig.device("imu0")["silent_s"] > 1.0
+            assert rig.device("usbl0")["silent_s"] < 1.0
+            cable.cut = False
+            await rig.until("news of it", lambda: rig.said("imu0: speaks"))
+            await rig.until("a true position again", rig.is_right)
+            await rig.until("the gap", lambda: rig.device("imu0")["gaps"] == 1)
+            assert rig.device("imu0")["missing"] > 200
+
+
+async def test_the_watchdog_starves_with_a_filter_that_hangs(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+
+    def fed() -> list[float]:
+        return rig.noticed("WATCHDOG=1")
+
+    async with rig.gateway(WATCHDOG_USEC="1000000"), rig.emulator():
+        await rig.until("a true position", rig.is_right)
+        rig.notices.clear()
+        await rig.until("food", lambda: fed()[2:])
+        worker = rig.worker()
+        os.kill(worker, signal.SIGSTOP)
+        await rig.until("hunger", lambda: time.monotonic() - fed()[-1] > 1.5)
+        assert rig.is_now(0, "V", "N")
+        assert rig.said("navigation: no solution for 3 s")
+        rig.notices.clear()
+        os.kill(worker, signal.SIGCONT)
+        await rig.until("food again", fed)
+        await rig.until("a true position again", rig.is_right)
+        assert any(notice.startswith("STATUS=aided; ") for _, notice in rig.notices)
+        os.kill(worker, signal.SIGSTOP)  # the end of the gateway must not wait for it
+    assert rig.notices[-1][1] == "STOPPING=1"
+
+
+async def test_a_client_that_never_reads_holds_up_nobody(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    rig = Rig(tmp_path)
+    sentences = ["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]
+    link = {"type": "tcp", "port": port}
+    server = {"type": "nmea", "link": link, "sentences": sentences, "rate_hz": 100}
+    rig.write({"outputs": [*rig.config["outputs"], server]})
+    async with rig.gateway(), rig.emulator():
+        with socket.socket() as deaf:
+            deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            deaf.connect(("127.0.0.1", port))
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            draining = asyncio.create_task(reader.read(-1))
+            await rig.until("its end", lambda: rig.said("does not read, cut off"), within_s=15.0)
+            assert rig.is_right()
+            assert rig.said("cut off")[0].startswith(
+                f"usblnav: output tcp 127.0.0.1:{port}: client"
+            )
+    heard = (await draining).split(b"\r\n")
+    writer.close()
+    times = [float(line.split(b",")[1]) for line in heard if line.startswith(b"$GPZDA")]
+    assert len(times) > 200
+    assert max(b - a for a, b in pairwise(times)) < 0.3
+
+
+async def test_a_reader_of_standard_output_may_leave(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    command = '"$@" | head -n 20; exit "${PIPESTATUS[0]}"'
+    run = (*USBLNAV, "run", "-c", str(rig.config_file), "--nmea", "-")
+    async with rig.emulator():
+        shell = await asyncio.create_subprocess_exec(
+            *("bash", "-c", command, "bash", *run),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+        )
+        out, err = await asyncio.wait_for(shell.communicate(), 20)
+    assert shell.returncode == 0, err.decode()
+    assert len(out.splitlines()) == 20
+    assert out.startswith(b"$GPGGA,")
+    assert b"Traceback" not in err
+    assert err.splitlines()[-1] == b"usblnav: stopped"
