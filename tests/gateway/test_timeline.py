@@ -1,0 +1,316 @@
+"""The order law: whatever the order of arrival, the state is that of the run in order of time."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.fusion import initial
+from gateway.fusion.filter import Filter, Memory
+from gateway.nav.lie import log_so3
+from gateway.timeline import LOOK_BACK_S, Timeline
+from tests.gateway.emulated import demo_data, make
+from tests.gateway.voyages import Voyage, configuration
+
+RATE_HZ = 100.0
+STEP_NS = 10_000_000
+SECONDS = 6.0
+T0 = 1_000_000_000_000
+
+
+# --- the real filter -------------------------------------------------------------------------
+
+
+@cache
+def voyage():
+    """Six seconds with a fix about every half second from three beacons."""
+    data = demo_data() | {"duration_s": SECONDS, "seed": 9}
+    data["devices"]["imu0"]["rate_hz"] = RATE_HZ
+    data["devices"]["usbl0"] |= {"period_s": 0.45, "outliers": {}}
+    data["beacons"] = {
+        "1": {"lat_deg": 39.8, "lon_deg": 116.2, "height_m": -50.0},
+        "2": {"lat_deg": 39.801, "lon_deg": 116.2, "height_m": -50.0, "turnaround_ms": 30.0},
+        "3": {"lat_deg": 39.8, "lon_deg": 116.202, "height_m": -60.0, "travel": "one_way"},
+    }
+    found = Voyage(make(data))
+    found.fixes[:] = [fix for fix in found.fixes if fix.t_ns <= found.t_ns[-1]]
+    return found, configuration(found.scenario)
+
+
+def begin(history_s=10.0):
+    _, config = voyage()
+    filter_ = Filter(initial.model(config), Memory(initial.initial_state(config)))
+    return filter_, Timeline(filter_, RATE_HZ, history_s)
+
+
+def key(fix):
+    return f"{fix.beacon}/{fix.bearing}"
+
+
+@cache
+def in_order():
+    """State and verdicts with every fix inserted before the samples reach it."""
+    trip, _ = voyage()
+    filter_, timeline = begin()
+    for fix in trip.fixes:
+        assert timeline.insert(fix, fix.t_ns, key(fix)) == []
+    verdicts = []
+    for k in range(len(trip.t_ns)):
+        verdicts += timeline.extend(trip.t_ns[k : k + 1], trip.rows[k : k + 1])
+    assert [v.t_ns for v in verdicts] == [f.t_ns for f in trip.fixes]
+    assert timeline.counts.late == 0
+    return filter_.memory, verdicts
+
+
+def same(memory, reference):
+    a, b = memory.state, reference.state
+    np.testing.assert_allclose(a.r_e, b.r_e, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(a.v_eb_e, b.v_eb_e, rtol=0.0, atol=1e-12)
+    assert np.linalg.norm(log_so3(a.C_eb @ b.C_eb.T)) < 1e-12
+    np.testing.assert_allclose(a.constants, b.constants, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(a.P, b.P, rtol=1e-9, atol=1e-18)
+    assert (memory.used, memory.gated) == (reference.used, reference.gated)
+    assert memory.t_used_ns == reference.t_used_ns
+
+
+N_FIXES = len(voyage()[0].fixes)
+delays = st.lists(st.floats(-2.0, SECONDS), min_size=N_FIXES, max_size=N_FIXES)
+
+
+@settings(max_examples=30, deadline=None)
+@given(delays, st.integers(1, 70), st.lists(st.integers(0, N_FIXES - 1), max_size=4))
+def test_any_order_of_arrival_gives_the_state_of_the_order_of_time(delays, block, repeated):
+    """Early, late by up to the whole run, twice, between blocks of any length."""
+    trip, _ = voyage()
+    filter_, timeline = begin()
+    arrivals = [
+        (f.t_ns + d * 1e9, k) for k, (f, d) in enumerate(zip(trip.fixes, delays, strict=True))
+    ]
+    arrivals += [(arrivals[k][0] + 1e8, k) for k in repeated]
+    arrivals.sort()
+    verdicts, refused = [], 0
+
+    def offer():
+        nonlocal refused
+        fix = trip.fixes[arrivals.pop(0)[1]]
+        found = timeline.insert(fix, fix.t_ns, key(fix))
+        refused += found is None
+        verdicts.extend(found or [])
+
+    for k in range(0, len(trip.t_ns), block):
+        while arrivals and arrivals[0][0] <= trip.t_ns[k]:
+            offer()
+        verdicts += timeline.extend(trip.t_ns[k : k + block], trip.rows[k : k + block])
+    while arrivals:
+        offer()
+    same(filter_.memory, in_order()[0])
+    assert refused == timeline.counts.duplicate == len(repeated)
+    assert timeline.counts.too_late == 0
+    assert sorted(v.t_ns for v in verdicts) == [f.t_ns for f in trip.fixes], "one verdict each"
+
+
+def test_a_late_verdict_is_what_it_would_have_been():
+    """All fixes after the last sample, newest first: the last one in tells the whole truth."""
+    trip, _ = voyage()
+    filter_, timeline = begin()
+    timeline.extend(trip.t_ns, trip.rows)
+    for fix in reversed(trip.fixes):
+        (verdict,) = timeline.insert(fix, fix.t_ns, key(fix))
+    assert timeline.counts.late == N_FIXES
+    same(filter_.memory, in_order()[0])
+    assert verdict.nis == pytest.approx(in_order()[1][0].nis, rel=1e-9)
+
+
+def test_the_track_says_where_the_ping_left():
+    trip, _ = voyage()
+    filter_, timeline = begin()
+    timeline.extend(trip.t_ns, trip.rows)
+    start = trip.t_ns[0]
+    for t_s in (0.5, 1.234, 5.0):
+        found = timeline.at(start + round(t_s * 1e9)) - timeline.at(start)
+        moved = filter_.memory.state.r_e - trip.state(SECONDS).r_e  # the initial error
+        truth = trip.state(t_s + trip.t_imu[0]).r_e - trip.state(trip.t_imu[0]).r_e
+        np.testing.assert_allclose(found[:3], truth, atol=0.3 * t_s + np.linalg.norm(moved) * 0.01)
+
+
+# --- an engine whose arithmetic is exact -----------------------------------------------------
+
+
+class Ledger:
+    """Adds up time in shares and notes when each measurement was applied."""
+
+    def __init__(self):
+        self.sum = 0.0
+        self.seen = []
+
+    def advance(self, rows, track):
+        for row, mark in zip(rows, track, strict=True):
+            self.sum += row[1]
+            mark[:] = self.sum
+
+    def advance_part(self, row, begin, end):
+        assert 0.0 <= begin < end <= 1.0
+        self.sum += (end - begin) * row[1]
+
+    def mark(self, track):
+        track[:] = self.sum
+
+    def apply(self, measurement, track):
+        self.seen.append((measurement, round(self.sum, 6)))
+        return measurement
+
+    def save(self):
+        return self.sum, list(self.seen)
+
+    def restore(self, saved):
+        self.sum, self.seen = saved[0], list(saved[1])
+
+
+def samples(first, n):
+    """Rows whose second column counts one a sample."""
+    t_ns = T0 + (np.arange(first, first + n) + 1) * STEP_NS
+    rows = np.zeros((n, 8))
+    rows[:, 0], rows[:, 1] = 0.01, 1.0
+    return t_ns, rows
+
+
+def at(samples_from_start):
+    return T0 + round(samples_from_start * STEP_NS)
+
+
+def ledger(history_s=2.0, rate_hz=RATE_HZ):
+    engine = Ledger()
+    return engine, Timeline(engine, rate_hz, history_s)
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_a_measurement_between_samples_splits_one(early):
+    engine, timeline = ledger()
+    if not early:
+        timeline.extend(*samples(0, 100))
+    for t in (30.25, 30.75, 31.0, 31.5):
+        timeline.insert(f"m{t}", at(t), f"m{t}")
+    if early:
+        timeline.extend(*samples(0, 100))
+    assert engine.seen == [(f"m{t}", t) for t in (30.25, 30.75, 31.0, 31.5)]
+    assert engine.sum == pytest.approx(100.0)
+
+
+def test_ties_do_not_depend_on_arrival():
+    orders = []
+    for keys in ("abc", "cab", "bca"):
+        engine, timeline = ledger()
+        timeline.extend(*samples(0, 60))
+        for name in keys:
+            timeline.insert(name, at(42.5), name)
+        orders.append(engine.seen)
+    assert orders[0] == [("a", 42.5), ("b", 42.5), ("c", 42.5)]
+    assert orders[1] == orders[2] == orders[0]
+
+
+def test_a_duplicate_is_counted_and_not_used_twice():
+    engine, timeline = ledger()
+    timeline.insert("m", at(70.0), "m")
+    assert timeline.insert("m", at(70.0), "m") is None
+    timeline.extend(*samples(0, 100))
+    assert timeline.insert("m", at(70.0), "m") is None
+    assert timeline.counts.duplicate == 2
+    assert engine.seen == [("m", 70.0)]
+
+
+def test_older_than_the_history_is_too_late():
+    engine, timeline = ledger(history_s=2.0)
+    timeline.extend(*samples(0, 1000))
+    assert timeline.insert("old", at(799.0), "old") is None
+    assert timeline.insert("new", at(801.0), "new") == ["new"]
+    assert (timeline.counts.too_late, timeline.counts.late) == (1, 1)
+    assert engine.sum == pytest.approx(1000.0)
+
+
+def test_before_the_first_sample_is_too_late_whenever_it_comes():
+    engine, timeline = ledger()
+    assert timeline.insert("waiting", at(-5.0), "waiting") == []
+    timeline.extend(*samples(0, 10))
+    assert timeline.insert("after", at(-4.0), "after") is None
+    timeline.extend(*samples(10, 10))
+    assert timeline.counts.too_late == 2
+    assert engine.seen == []
+
+
+def test_a_measurement_at_the_head_is_used_at_once():
+    engine, timeline = ledger()
+    timeline.extend(*samples(0, 50))
+    assert timeline.insert("m", at(50.0), "m") == ["m"]
+    timeline.extend(*samples(50, 50))
+    assert engine.seen == [("m", 50.0)]
+    assert timeline.t_head_ns == at(100.0)
+
+
+def test_a_verdict_is_given_once_though_history_runs_again():
+    _, timeline = ledger()
+    timeline.insert("b", at(60.0), "b")
+    assert timeline.extend(*samples(0, 100)) == ["b"]
+    assert timeline.insert("a", at(40.0), "a") == ["a"]
+    assert timeline.insert("c", at(80.0), "c") == ["c"]
+
+
+@pytest.mark.parametrize("block", [1, 7, 64, 999, 20_000])
+def test_blocks_of_any_length_even_longer_than_the_history(block):
+    """200 s through a history of 2 s: nothing lost, nothing used twice, in order."""
+    engine, timeline = ledger(history_s=2.0)
+    times = [k * 37.3 + 0.4 for k in range(530)]
+    for t in times:
+        timeline.insert(t, at(t), f"{t:012.3f}")
+    verdicts = []
+    for first in range(0, 20_000, block):
+        verdicts += timeline.extend(*samples(first, min(block, 20_000 - first)))
+    assert verdicts == times
+    assert engine.sum == pytest.approx(20_000.0)
+    assert [t for _, t in engine.seen] == pytest.approx(times, abs=1e-5)
+
+
+def test_history_far_beyond_its_length_still_takes_late_measurements():
+    """More than ten times what is kept, a late one each second."""
+    engine, timeline = ledger(history_s=2.0)
+    expected = []
+    for second in range(200):
+        timeline.extend(*samples(100 * second, 100))
+        t = 100.0 * second + 100.0 - (37.5 if second < 2 else 150.25)
+        assert timeline.insert(t, at(t), str(t)) == [t]
+        expected.append(t)
+    assert sorted(t for _, t in engine.seen) == sorted(expected)
+    assert all(m == pytest.approx(t, abs=1e-5) for m, t in engine.seen)
+    assert timeline.counts.late == 200
+
+
+def test_memory_is_bounded():
+    _, timeline = ledger(history_s=2.0)
+    held = []
+    for second in range(100):
+        timeline.extend(*samples(100 * second, 100))
+        timeline.insert(second, at(100.0 * second + 50.0), str(second))
+        held.append((len(timeline._entries), len(timeline._snapshots), timeline._rows.shape))
+    assert max(h[0] for h in held) <= 4
+    assert max(h[1] for h in held) <= 2.0 * 4 + 8
+    assert len({h[2] for h in held}) == 1
+    assert held[0][2][0] < 4 * (2.0 + LOOK_BACK_S) * RATE_HZ
+
+
+def test_the_track_is_linear_between_samples_and_still_before_the_first():
+    _, timeline = ledger()
+    timeline.extend(*samples(0, 100))
+    assert timeline.at(at(50.0))[0] == pytest.approx(50.0)
+    assert timeline.at(at(50.3))[0] == pytest.approx(50.3)
+    before = timeline.at(at(-20.0))
+    assert before[0] == pytest.approx(-20.0), "the displacement goes on as it began"
+    assert before[3] == pytest.approx(1.0), "the attitude does not"
+
+
+def test_the_track_is_right_after_trimming():
+    _, timeline = ledger(history_s=2.0)
+    for first in range(0, 10_000, 100):
+        timeline.extend(*samples(first, 100))
+    for back in (0.0, 100.5, (2.0 + LOOK_BACK_S) * RATE_HZ):
+        assert timeline.at(at(10_000.0 - back))[0] == pytest.approx(10_000.0 - back)
