@@ -15,6 +15,14 @@ from typing import Any
 from gateway.errors import ConfigError, UsblnavError
 
 INTERRUPTED = 130
+STUDIES = (
+    "relative-measurement",
+    "propagation-delay",
+    "radial-velocity",
+    "invariant-small",
+    "invariant-large",
+    "invariant-semi",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -84,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_codecs(commands)
     _add_decode(commands)
+    _add_study(commands)
     return parser
 
 
@@ -236,6 +245,29 @@ def _add_decode(commands: Any) -> None:
     parser.add_argument("file", metavar="FILE", help="file or device to read; - for standard input")
 
 
+def _add_study(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "study",
+        "reproduce a published table by seeded Monte Carlo in the emulator",
+        "Prints published beside attained numbers with their 95 % bounds.",
+    )
+    parser.add_argument("name", choices=STUDIES, metavar="NAME", help=", ".join(STUDIES))
+    parser.add_argument("--runs", type=_count, metavar="N", help="runs (default: 50)")
+    parser.add_argument(
+        "--jobs", type=_count, default=-1, metavar="N", help="processes (default: one a core)"
+    )
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="OUT", help="folder for the figures and the table"
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="run on the cluster of this dask scheduler, such as tcp://10.0.0.1:8786",
+    )
+    _add_json(parser, "the table")
+
+
 def _add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--config", required=True, type=Path, metavar="CONFIG.yaml", help="configuration file"
@@ -250,4 +282,11 @@ def _positive(text: str) -> float:
     value = float(text)
     if not (value > 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"expected a number > 0, got {text}")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number > 0, got {text}")
     return value

@@ -20,7 +20,7 @@ from gateway.emulator.twin import DEMO
 from tests.gateway.test_config import EVERY_FAULT, EVERY_KIND
 from tests.shared_data import ROOT
 
-COMMANDS = ["run", "demo", "replay", "emulate", "check", "codecs", "decode"]
+COMMANDS = ["run", "demo", "replay", "emulate", "check", "codecs", "decode", "study"]
 USBLNAV = [sys.executable, "-m", "gateway"]
 FRAMES = [
     KVH1750.encode(
