@@ -4,6 +4,7 @@ Seed 000 (2.2) with the array's lever arm, mounting error, angle offsets, range 
 they are estimated, the errors of the lever arm and of the declared latency.  # (M.40)-(M.46)
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +23,11 @@ from gateway.fusion.state import (
     THETA,
     State,
 )
-from gateway.nav.lie import left_jacobian, skew
+from gateway.nav.compiled import compiled
+from gateway.nav.lie import exp_so3, left_jacobian, skew
 
 Array = NDArray[np.float64]
+Vec = tuple[float, float, float]
 
 ELEVATION, BEARING, RANGE = 0, 1, 2
 ROW_NAMES = ("elevation_deg", "bearing_deg", "range_m")
@@ -60,16 +63,10 @@ class Sighting:
     """Where the array was when the ping left; None for a one-way range."""
 
 
-def array_to_beacon(state: State, geometry: ArrayGeometry, beacon_e: Array) -> tuple[Array, Array]:
-    """Beacon from the array: ``r_b`` in body axes and ``r_u`` in array axes (m).  # (M.40)"""
-    r_b = state.C_eb.T @ (beacon_e - state.r_e) - geometry.lever_b - state.lever_b
-    return r_b, geometry.C_bu.T @ (state.C_theta.T @ r_b)
-
-
-def angles(r_u: Array) -> tuple[float, float]:
+def angles(r_u: Vec) -> tuple[float, float]:
     """Elevation (up) and bearing (to starboard) of a point in array axes, rad.  # (M.41)"""
     x, y, z = r_u
-    return float(np.arctan2(-z, np.hypot(x, y))), float(np.arctan2(y, x))
+    return math.atan2(-z, math.hypot(x, y)), math.atan2(y, x)
 
 
 def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Linearised | None:
@@ -81,40 +78,44 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     h = np.empty(3)
     H = np.zeros((3, N_FULL))
     measured = sight.measured
-    r_b, r_u = array_to_beacon(state, geometry, sight.beacon_e)
-    if np.hypot(r_u[0], r_u[1]) < MIN_HORIZONTAL * np.linalg.norm(r_u):
+    lever_b = geometry.lever_b + state.lever_b
+    d_e = sight.beacon_e - state.r_e
+    r_u = _angle_rows(state.C_eb, state.theta, geometry.C_bu, lever_b, d_e, H)
+    if math.hypot(r_u[0], r_u[1]) < MIN_HORIZONTAL * math.hypot(*r_u):
         measured = measured.copy()
         measured[BEARING] = np.nan
     h[:2] = angles(r_u) + state.angle_offsets
-    _angle_rows(state, geometry, sight.beacon_e - state.r_e, r_b, r_u, H)
-    lever_b = geometry.lever_b + state.lever_b
     h[RANGE] = range_row(state, lever_b, sight.beacon_e, sight.transmit, H[RANGE])
     add_latency(state, omega_e, H)
     rows = np.flatnonzero(~np.isnan(measured))
     if rows.size == 0:
         return None
     residual = h - measured
-    residual[BEARING] = (residual[BEARING] + np.pi) % (2.0 * np.pi) - np.pi
+    residual[BEARING] = (residual[BEARING] + math.pi) % math.tau - math.pi
     H = np.ascontiguousarray(H[rows][:, state.columns])
     names = tuple(ROW_NAMES[i] for i in rows)
     return Linearised(residual[rows], H, np.diag(sight.sigma[rows] ** 2), names)
 
 
+@compiled
 def _angle_rows(
-    state: State, geometry: ArrayGeometry, d_e: Array, r_b: Array, r_u: Array, H: Array
-) -> None:
-    """Fill the rows of elevation and bearing.  # (M.42), (M.43)
+    C_eb: Array, theta: Array, C_bu: Array, lever_b: Array, d_e: Array, H: Array
+) -> Vec:
+    """Fill the rows of elevation and bearing; give the beacon in array axes (m).  # (M.40)-(M.43)
 
     ``Exp(theta + d)^T r = Exp(theta)^T (r + [r]x J d)``, so the left Jacobian of theta enters.
     """
-    x, y, z = r_u
+    C_ub = C_bu.T @ exp_so3(theta).T
+    r_b = C_eb.T @ d_e - lever_b
+    x, y, z = C_ub @ r_b
     L2 = max(x * x + y * y, 1e-12)
-    L, R2 = np.sqrt(L2), L2 + z * z
+    L, R2 = math.sqrt(L2), L2 + z * z
     A_u = np.array([[x * z / (R2 * L), y * z / (R2 * L), -L / R2], [-y / L2, x / L2, 0.0]])
-    A_b = A_u @ geometry.C_bu.T @ state.C_theta.T
-    M = A_b @ state.C_eb.T
+    A_b = A_u @ C_ub
+    M = A_b @ C_eb.T
     H[:2, ATT] = M @ skew(d_e)
     H[:2, POS] = -M
-    H[:2, THETA] = A_b @ skew(r_b) @ left_jacobian(state.theta)
+    H[:2, THETA] = A_b @ skew(r_b) @ left_jacobian(theta)
     H[:2, LEVER] = -A_b
     H[ELEVATION, DALPHA] = H[BEARING, DBETA] = 1.0
+    return x, y, z
