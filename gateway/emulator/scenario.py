@@ -66,7 +66,7 @@ AnyPort = UdpPort | TcpServerPort | PtyPort | SerialPort
 
 
 class Wave(_Block, frozen=True):
-    """``amplitude`` sin(2 pi t / period + phase); amplitude in deg, for heave in m upward."""
+    """``amplitude`` sin(2 pi t / period + phase); amplitude in deg, of a displacement in m."""
 
     amplitude: NonNegative
     period_s: Positive
@@ -74,12 +74,14 @@ class Wave(_Block, frozen=True):
 
 
 class Sway(_Block, frozen=True):
-    """What waves add to the smooth path; each is a sum of oscillations."""
+    """What waves add to the smooth path; each is a sum of oscillations, heave upward."""
 
     roll: tuple[Wave, ...] = ()
     pitch: tuple[Wave, ...] = ()
     yaw: tuple[Wave, ...] = ()
     heave: tuple[Wave, ...] = ()
+    north: tuple[Wave, ...] = ()
+    east: tuple[Wave, ...] = ()
 
 
 class _Track(_Block, frozen=True, kw_only=True):
@@ -115,7 +117,19 @@ class Lawnmower(_Track, frozen=True, kw_only=True, tag_field="type", tag="lawnmo
     spacing_m: Positive
 
 
-Track = Circle | Line | Lawnmower
+class Legs(_Track, frozen=True, kw_only=True, tag_field="type", tag="legs"):
+    """Legs of one length from the given point, a turn (positive to starboard) after each.
+
+    Every turn takes the way ``turn_m``; the leg after the last one goes on.
+    """
+
+    course_deg: float = 0.0
+    leg_m: Positive
+    turn_m: Positive
+    turns_deg: tuple[float, ...] = ()
+
+
+Track = Circle | Line | Lawnmower | Legs
 
 
 class ImuErrors(_Block, frozen=True):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.emulator.routes import CircularRoute, LawnmowerRoute, Route, StraightRoute
-from gateway.emulator.scenario import Circle, Lawnmower, Line, Track, Wave
+from gateway.emulator.routes import CircularRoute, Route, StraightRoute, lawnmower, legs
+from gateway.emulator.scenario import Circle, Lawnmower, Legs, Line, Track, Wave
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler, euler_from_C
 
@@ -109,16 +109,19 @@ class Trajectory:
         (roll, droll, _), (pitch, dpitch, _), (yaw, dyaw, _) = (
             _oscillation(t, waves, np.deg2rad(1.0)) for waves in (sway.roll, sway.pitch, sway.yaw)
         )
+        north, east = _oscillation(t, sway.north, 1.0), _oscillation(t, sway.east, 1.0)
         heave = _oscillation(t, sway.heave, -1.0)
+        to_and_fro = [np.column_stack(parts) for parts in zip(north, east, heave, strict=True)]
         tangent2 = np.sum(dr**2, axis=-1)
         course_rate = (dr[:, 0] * ddr[:, 1] - dr[:, 1] * ddr[:, 0]) / tangent2 * ds
         course = np.arctan2(dr[:, 1], dr[:, 0])
         v = dr * ds[:, None]
         a = ddr * (ds**2)[:, None] + dr * dds[:, None]
+        level = np.zeros((t.size, 1))
         return _Motion(
-            np.column_stack([r, heave[0]]),
-            np.column_stack([v, heave[1]]),
-            np.column_stack([a, heave[2]]),
+            np.hstack([r, level]) + to_and_fro[0],
+            np.hstack([v, level]) + to_and_fro[1],
+            np.hstack([a, level]) + to_and_fro[2],
             np.column_stack([roll, pitch, course + yaw]),
             np.column_stack([droll, dpitch, course_rate + dyaw]),
         )
@@ -133,9 +136,11 @@ def _route(track: Track, duration_s: float) -> Route:
             return StraightRoute(np.deg2rad(track.course_deg))
         case Lawnmower():
             length = track.speed_m_s * (duration_s + _SPARE_S)
-            return LawnmowerRoute(
-                np.deg2rad(track.course_deg), track.leg_m, track.spacing_m, length
-            )
+            return lawnmower(np.deg2rad(track.course_deg), track.leg_m, track.spacing_m, length)
+        case Legs():
+            length = track.speed_m_s * (duration_s + _SPARE_S)
+            turns = np.deg2rad(track.turns_deg).tolist()
+            return legs(np.deg2rad(track.course_deg), track.leg_m, turns, track.turn_m, length)
 
 
 def _along(t: Array, speed: float, ramp: float) -> tuple[Array, Array, Array]:
