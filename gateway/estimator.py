@@ -107,14 +107,19 @@ class Estimator:
         """Run over a block, pausing at every sample after which a solution is due."""
         t_ns = np.frombuffer(block.t_ns, dtype=np.int64)
         rows = np.frombuffer(block.rows, dtype=np.float64).reshape(-1, 8)
-        self._samples += len(t_ns)
         begin = 0
         for end in self._due(t_ns):
-            yield from self._timeline.extend(t_ns[begin:end], rows[begin:end])
+            yield from self._extend(t_ns[begin:end], rows[begin:end])
             yield from self._report(int(t_ns[end - 1]))
             begin = end
-        yield from self._timeline.extend(t_ns[begin:], rows[begin:])
-        self._t_last_ns = int(t_ns[-1])
+        yield from self._extend(t_ns[begin:], rows[begin:])
+
+    def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> list[Innovation]:
+        """Run over samples, counting them."""
+        if len(t_ns):
+            self._samples += len(t_ns)
+            self._t_last_ns = int(t_ns[-1])
+        return self._timeline.extend(t_ns, rows)
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
