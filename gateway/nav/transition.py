@@ -1,0 +1,64 @@
+"""The strapdown once more, with the transition of its error accumulated for a smoother.
+
+Beside `gateway.nav.strapdown` and made of its kernels, so that the filter's own loop stays as it
+is. Phi is kept as its first 15 rows and columns; the rest of it is the identity.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.nav import strapdown as sd
+from gateway.nav.compiled import compiled
+
+Array = NDArray[np.float64]
+
+N_CORE, PITCH = sd.N_CORE, sd.PITCH
+
+
+def identity() -> Array:
+    """Phi of no time at all, (15, 25): the last ten columns are room that the kernels want."""
+    Phi: Array = np.eye(N_CORE, PITCH)
+    return Phi
+
+
+def whole(Phi: Array, n: int) -> Array:
+    """(n, n) transition of the covariance's error from the kernels' `Phi`."""
+    out: Array = np.eye(n)
+    out[:N_CORE, :N_CORE] = Phi[:, :N_CORE]
+    return out
+
+
+@compiled
+def advance(x: Array, P: Array, Phi: Array, row: Array, begin: float, end: float, q: Array) -> None:
+    """`strapdown.advance` that also carries ``Phi <- Phi_k Phi``.  # (M.100)"""
+    s, part = sd._scratch(), end - begin
+    sd.mechanise(x, row, part, s.u, s.C_mid)
+    sd._take(P, s.top)
+    sd._predict(s, P.shape[0], part * row[0], part * row[7], x[12:15], q)
+    sd._give(s.top, P)
+    sd._transition(Phi.reshape(-1), N_CORE, part * row[0], s.u, s.C_mid, s.gradient)
+    if end == 1.0:
+        sd._remember(x, row)
+
+
+@compiled
+def run(x: Array, P: Array, Phi: Array, rows: Array, q: Array, track: Array) -> None:
+    """`strapdown.run` that also carries ``Phi <- Phi_k Phi``.  # (M.100)
+
+    Parameters
+    ----------
+    x, P, rows, q, track
+        As in `gateway.nav.strapdown.run`.
+    Phi
+        (15, 25) see `identity`, changed in place.
+    """
+    s, flat = sd._scratch(), Phi.reshape(-1)
+    sd._take(P, s.top)
+    for k in range(rows.shape[0]):
+        sd.mechanise(x, rows[k], 1.0, s.u, s.C_mid)
+        sd._predict(s, P.shape[0], rows[k, 0], rows[k, 7], x[12:15], q)
+        sd._transition(flat, N_CORE, rows[k, 0], s.u, s.C_mid, s.gradient)
+        sd._remember(x, rows[k])
+        for i in range(12):
+            track[k, i] = x[21 + i]
+    sd._give(s.top, P)
