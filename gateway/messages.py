@@ -26,7 +26,7 @@ class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
     rows: bytes
 
 
-class _Acoustic(msgspec.Struct, frozen=True, array_like=True):
+class _Heard(msgspec.Struct, frozen=True, array_like=True):
     """Sound of a beacon that reached an array of the vehicle at ``t_ns``."""
 
     locates: ClassVar[bool] = True
@@ -37,7 +37,7 @@ class _Acoustic(msgspec.Struct, frozen=True, array_like=True):
     beacon: str
 
 
-class _OfTheVehicle(msgspec.Struct, frozen=True, array_like=True):
+class _Own(msgspec.Struct, frozen=True, array_like=True):
     """A measurement by the device, in which no beacon takes part."""
 
     locates: ClassVar[bool] = False
@@ -47,7 +47,7 @@ class _OfTheVehicle(msgspec.Struct, frozen=True, array_like=True):
     device: str
 
 
-class UsblFix(_Acoustic, frozen=True, tag="usbl"):
+class UsblFix(_Heard, frozen=True, tag="usbl"):
     """One acoustic fix at the moment the reply reached the array.
 
     Angles in rad in array axes `u` (bearing to starboard, elevation up), slant range in m as the
@@ -59,7 +59,7 @@ class UsblFix(_Acoustic, frozen=True, tag="usbl"):
     slant_range: float | None
 
 
-class BeaconRange(_Acoustic, frozen=True, tag="range"):
+class BeaconRange(_Heard, frozen=True, tag="range"):
     """One slant range (m) of a long baseline, at the moment this beacon's reply was heard.
 
     ``t_transmit_ns`` is when the ping left, the same for all beacons it asked; None where the
@@ -70,7 +70,7 @@ class BeaconRange(_Acoustic, frozen=True, tag="range"):
     t_transmit_ns: int | None = None
 
 
-class RadialRate(_Acoustic, frozen=True, tag="rate"):
+class RadialRate(_Heard, frozen=True, tag="rate"):
     """Rate of the distance to a beacon (m/s, positive when it grows) by the Doppler of its sound.
 
     ``rates`` holds one for each element of the array, or the one that the instrument made of them.
@@ -81,7 +81,7 @@ class RadialRate(_Acoustic, frozen=True, tag="rate"):
     rates: tuple[float, ...]
 
 
-class PositionFix(_OfTheVehicle, frozen=True, tag="position"):
+class PositionFix(_Own, frozen=True, tag="position"):
     """Geodetic WGS84 position of an antenna (rad, m) with 1-sigma north, east, down (m).
 
     ``h`` is None where only the horizontal position is known.
@@ -95,7 +95,7 @@ class PositionFix(_OfTheVehicle, frozen=True, tag="position"):
     sd: Vec3
 
 
-class VelocityFix(_OfTheVehicle, frozen=True, tag="velocity"):
+class VelocityFix(_Own, frozen=True, tag="velocity"):
     """Velocity of an antenna over ground, north, east, down (m/s), with 1-sigma of each.
 
     ``down`` is None where only speed and course are known.
@@ -107,35 +107,36 @@ class VelocityFix(_OfTheVehicle, frozen=True, tag="velocity"):
     sd: Vec3
 
 
-class Depth(_OfTheVehicle, frozen=True, tag="depth"):
+class Depth(_Own, frozen=True, tag="depth"):
     """Ellipsoidal height ``h`` of a pressure sensor (m; it falls as the depth grows), 1-sigma."""
 
     h: float
     sd: float
 
 
-class BottomVelocity(_OfTheVehicle, frozen=True, tag="bottom_velocity"):
+class BottomVelocity(_Own, frozen=True, tag="bottom_velocity"):
     """Velocity over the bottom (m/s) in the sensor's own axes, with 1-sigma of each component."""
 
     v: Vec3
     sd: Vec3
 
 
-class HeadingFix(_OfTheVehicle, frozen=True, tag="heading"):
+class HeadingFix(_Own, frozen=True, tag="heading"):
     """True heading of the sensor's forward axis (rad, from north to the east), 1-sigma."""
 
     heading: float
     sd: float
 
 
-class Stationary(_OfTheVehicle, frozen=True, tag="stationary"):
+class Stationary(_Own, frozen=True, tag="stationary"):
     """The vehicle rests on the Earth: its velocity is zero, 1-sigma of each component (m/s)."""
 
     sd: float
 
 
 Acoustic = UsblFix | BeaconRange | RadialRate
-Fix = Acoustic | PositionFix | VelocityFix | Depth | BottomVelocity | HeadingFix | Stationary
+OfTheVehicle = PositionFix | VelocityFix | Depth | BottomVelocity | HeadingFix | Stationary
+Fix = Acoustic | OfTheVehicle
 """What corrects the state."""
 Measurement = ImuBlock | Fix
 

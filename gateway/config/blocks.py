@@ -94,6 +94,9 @@ class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     clock: Clock = Clock()
     mounting_deg: Triple = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    elements_m: tuple[Triple, ...] = ()
+    """Places of the elements in array axes; radial rates refer to the array's origin without."""
+    radial_rate: Literal["mean", "elements"] = "mean"
     prior: UsblPrior = UsblPrior()
 
 
@@ -115,6 +118,9 @@ class Filter(_Block, frozen=True):
 
     error: Literal["right_invariant", "left_invariant", "additive"] = "right_invariant"
     coupling: Literal["tight", "loose"] = "tight"
+    loose_noise: Literal["mapped", "fixed"] = "mapped"
+    loose_sigma_m: Positive = 1.0
+    """White error of each component of a loose position where its noise is fixed."""
     innovation_gate: Annotated[float, Meta(gt=0.5, lt=1)] = 0.999
     history_s: Annotated[float, Meta(gt=0, le=120)] = 10.0
     max_fix_age_s: Positive = 10.0

@@ -12,10 +12,7 @@ from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import Config, Device, ImuDevice, UsblDevice, ZenohOutput
 from gateway.schema import build, known
 
-NOT_YET: dict[str, tuple[str, ...]] = {
-    "filter.coupling": ("loose",),
-    "clock.source": ("pps",),
-}
+NOT_YET: dict[str, tuple[str, ...]] = {"clock.source": ("pps",)}
 """What the file may say but this release does not do."""
 
 
@@ -173,8 +170,6 @@ def _not_yet(config: Config) -> Iterator[str]:
         for name, device in _readable(config).items()
         if known(device.clock)
     ]
-    if known(config.filter):
-        choices.append(("filter.coupling", "filter.coupling", config.filter.coupling))
     for path, key, value in choices:
         fault = unavailable(key, value)
         if fault:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import Config, ImuNoise
+from gateway.config import Filter as FilterChoice
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.observation import AcousticArray, Model, Transponder
+from gateway.fusion.observation import AcousticArray, Loose, Model, Transponder
 from gateway.fusion.state import (
     ATT,
     BA,
@@ -103,6 +104,9 @@ def model(config: Config) -> Model:
                         d.noise.range_m,
                     ]
                 ),
+                d.noise.range_rate_m_s,
+                np.array(d.elements_m or ((0.0, 0.0, 0.0),)),
+                d.radial_rate == "elements",
             )
             for name, d in config.usbl.items()
         },
@@ -114,7 +118,15 @@ def model(config: Config) -> Model:
             )
             for name, b in config.beacons.items()
         },
+        loose=_loose(config.filter),
     )
+
+
+def _loose(choice: FilterChoice) -> Loose | None:
+    """How acoustic fixes are coupled."""
+    if choice.coupling == "tight":
+        return None
+    return Loose(choice.loose_sigma_m if choice.loose_noise == "fixed" else None)
 
 
 def mounting(angles_deg: Sequence[float]) -> Array:

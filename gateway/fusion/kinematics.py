@@ -1,4 +1,4 @@
-"""A point fixed to the turning body: the body's rate, a lever arm's velocity, a moment earlier."""
+"""Local axes, the body's rate, the velocity of a lever arm, the state a moment earlier."""
 
 from typing import NamedTuple
 
@@ -7,12 +7,18 @@ from numpy.typing import NDArray
 
 from gateway.fusion.state import ATT, LATENCY, POS, VEL, State
 from gateway.nav import strapdown as sd
-from gateway.nav.earth import OMEGA_IE
+from gateway.nav.earth import OMEGA_IE, C_en, ecef_to_lla, gravity_n
 from gateway.nav.lie import exp_so3, skew
 
 Array = NDArray[np.float64]
 
 OMEGA_IE_E = np.array([0.0, 0.0, OMEGA_IE])
+
+
+def C_ne(state: State) -> Array:
+    """(3, 3) ECEF to north-east-down at the estimated place."""
+    lat, lon, _ = ecef_to_lla(state.r_e)
+    return C_en(lat, lon).T
 
 
 def body_rate(state: State) -> Array:
@@ -49,8 +55,23 @@ def lever_velocity(state: State, lever_b: Array) -> LeverVelocity:
     )
 
 
+def acceleration(state: State) -> Array:
+    """(3,) change of the velocity over the Earth in the newest whole sample (m/s^2, in e)."""
+    dt, increment = state.x[sd.LAST][0], state.x[sd.LAST][4:7]
+    if not dt > 0.0:
+        return np.zeros(3)
+    lat, lon, h = ecef_to_lla(state.r_e)
+    gravity_e = C_en(lat, lon) @ gravity_n(lat, h)
+    f_e = state.C_eb @ (increment / dt - state.b_a)
+    change: Array = f_e + gravity_e - 2.0 * skew(OMEGA_IE_E) @ state.v_eb_e
+    return change
+
+
 def earlier(state: State) -> tuple[State, Array]:
-    """The state ``latency_s`` before its stamp, and the body's rate in e (rad/s).  # (M.46)"""
+    """The state ``latency_s`` before its stamp, and the body's rate in e (rad/s).  # (M.46)
+
+    Position and attitude only: what depends on the velocity asks for `acceleration` itself.
+    """
     omega_e = state.C_eb @ body_rate(state)
     latency = state.latency_s
     if latency != 0.0:

@@ -5,13 +5,37 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.fusion import lbl, position, radial_velocity, usbl
+from gateway.fusion import (
+    bottom_velocity,
+    depth,
+    heading,
+    lbl,
+    loose,
+    position,
+    radial_velocity,
+    stationary,
+    usbl,
+    velocity,
+)
 from gateway.fusion.errors import ErrorDefinition
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.radial_velocity import Doppler
 from gateway.fusion.ranging import Past
 from gateway.fusion.state import State
-from gateway.messages import Acoustic, BeaconRange, Fix, PositionFix, RadialRate, UsblFix
+from gateway.messages import (
+    Acoustic,
+    BeaconRange,
+    BottomVelocity,
+    Depth,
+    Fix,
+    HeadingFix,
+    OfTheVehicle,
+    PositionFix,
+    RadialRate,
+    Stationary,
+    UsblFix,
+    VelocityFix,
+)
 from gateway.nav.earth import C_en, lla_to_ecef
 from gateway.timeline import Track
 
@@ -62,6 +86,13 @@ AT_THE_IMU = Mount(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True)
+class Loose:
+    """Acoustic fixes as positions, with one `sigma` (m) a component or, None, the fix's own."""
+
+    sigma: float | None
+
+
+@dataclass(frozen=True)
 class Model:
     """All that the filter takes as known.
 
@@ -75,6 +106,8 @@ class Model:
         Probability inside the chi-squared gate.
     mounts
         By device; one that is not named sits at the IMU in the body's axes.
+    loose
+        None couples acoustic fixes tightly.
     """
 
     error: ErrorDefinition
@@ -84,6 +117,7 @@ class Model:
     arrays: dict[str, AcousticArray]
     beacons: dict[str, Transponder]
     mounts: dict[str, Mount] = field(default_factory=dict)
+    loose: Loose | None = None
 
     def mount(self, device: str) -> Mount:
         """Where a device sits."""
@@ -95,10 +129,26 @@ def observe(model: Model, state: State, fix: Fix, track: Track) -> Linearised | 
     match fix:
         case UsblFix() | BeaconRange() | RadialRate():
             return _observe_sound(model, state, fix, track)
-        case PositionFix():
-            return position.linearise(state, model.mount(fix.device).lever_b, _place(fix))
         case _:
-            return "no_model"
+            return _observe_vehicle(model.mount(fix.device), state, fix)
+
+
+def _observe_vehicle(mount: Mount, state: State, fix: OfTheVehicle) -> Linearised | str:
+    """Linearise what a sensor says of the vehicle itself."""
+    match fix:
+        case PositionFix():
+            return position.linearise(state, mount.lever_b, _place(fix))
+        case VelocityFix():
+            return velocity.linearise(state, mount.lever_b, _over_ground(fix))
+        case Depth():
+            return depth.linearise(state, mount.lever_b, fix.h, fix.sd)
+        case BottomVelocity():
+            over_bottom = bottom_velocity.OverBottom(np.array(fix.v), np.array(fix.sd))
+            return bottom_velocity.linearise(state, mount.lever_b, mount.C_bs, over_bottom)
+        case HeadingFix():
+            return heading.linearise(state, mount.C_bs, fix.heading, fix.sd) or "geometry"
+        case Stationary():
+            return stationary.linearise(state, fix.sd)
 
 
 def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> Linearised | str:
@@ -114,7 +164,9 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
             measured = np.array([np.nan if v is None else v for v in rows])
             transmit = _transmit(model, beacon, fix.t_ns, None, fix.slant_range, track)
             sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
-            return usbl.linearise(state, array.geometry, sight) or "geometry"
+            if model.loose is None:
+                return usbl.linearise(state, array.geometry, sight) or "geometry"
+            return loose.linearise(state, array.geometry, sight, model.loose.sigma) or "geometry"
         case BeaconRange():
             sent, range_m = fix.t_transmit_ns, fix.slant_range
             transmit = _transmit(model, beacon, fix.t_ns, sent, range_m, track)
@@ -150,6 +202,13 @@ def _place(fix: PositionFix) -> position.Place:
     h, sd_down = (0.0, np.inf) if fix.h is None else (fix.h, fix.sd[2])
     r_e = lla_to_ecef(fix.lat, fix.lon, h)
     return position.Place(r_e, C_en(fix.lat, fix.lon), np.array([*fix.sd[:2], sd_down]))
+
+
+def _over_ground(fix: VelocityFix) -> velocity.OverGround:
+    """Without a vertical velocity the fix says nothing about down."""
+    down, sd_down = (0.0, np.inf) if fix.down is None else (fix.down, fix.sd[2])
+    v_n, sigma = np.array([fix.north, fix.east, down]), np.array([*fix.sd[:2], sd_down])
+    return velocity.OverGround(v_n, sigma)
 
 
 def past(track: Track, t_ns: int, age_s: float) -> Past:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.kalman import Linearised
-from gateway.fusion.kinematics import add_latency, earlier, lever_velocity
-from gateway.fusion.state import ATT, BG, LEVER, N_FULL, POS, THETA, VEL, State
+from gateway.fusion.kinematics import acceleration, add_latency, earlier, lever_velocity
+from gateway.fusion.state import ATT, BG, LATENCY, LEVER, N_FULL, POS, THETA, VEL, State
 from gateway.fusion.usbl import ArrayGeometry
 from gateway.nav.lie import left_jacobian, skew
 
@@ -49,7 +49,11 @@ def linearise(
     n = len(doppler.rates)
     if n not in (1, len(elements_u)):
         return None
+    with_latency = state.latency_s != 0.0 or LATENCY in state.columns
+    a_e = acceleration(state) if with_latency else np.zeros(3)
     state, omega_e = earlier(state)
+    if state.latency_s != 0.0:
+        state.v_eb_e[:] -= state.latency_s * a_e
     H = np.zeros((len(elements_u), N_FULL))
     rows = [
         _element_row(state, geometry, e, doppler.beacon_e, H[i]) for i, e in enumerate(elements_u)
@@ -60,7 +64,9 @@ def linearise(
         h, measured, names = h.mean(keepdims=True), measured.mean(keepdims=True), _names(1)
         H = H.mean(axis=0, keepdims=True)
         sigma /= np.sqrt(n)
+    by_velocity = H[:, VEL].copy()
     add_latency(state, omega_e, H)
+    H[:, LATENCY] -= by_velocity @ a_e
     return Linearised(
         h - measured,
         np.ascontiguousarray(H[:, state.columns]),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.fusion.state import ATT, DKD, LEVER, POS, VEL, State
+from gateway.fusion.state import ATT, DKD, LEVER, N_FULL, POS, VEL, State
 from gateway.nav.lie import skew
 
 Array = NDArray[np.float64]
@@ -21,6 +21,22 @@ class Past(NamedTuple):
     s_e: Array
     chain: Array
     age_s: float
+
+
+def leg(state: State, lever_b: Array, beacon_e: Array, when: Past | None) -> tuple[float, Array]:
+    """Distance of beacon and transducer, now or at a past moment, and its (25,) derivatives."""
+    C, r_e, age_s = state.C_eb, state.r_e, 0.0
+    if when is not None:
+        C = C @ (state.chain.T @ when.chain)
+        r_e = r_e - (state.s_e - when.s_e)
+        age_s = when.age_s
+    l_e = C @ lever_b
+    a = r_e + l_e - beacon_e
+    distance = float(np.sqrt(a @ a))
+    u = a / distance
+    H = np.zeros(N_FULL)
+    H[ATT], H[VEL], H[POS], H[LEVER] = skew(l_e) @ u, -age_s * u, u, C.T @ u
+    return distance, H
 
 
 def range_row(
@@ -39,26 +55,13 @@ def range_row(
     transmit
         The moment the ping left; None for a one-way range.
     H
-        (25,) row to fill, zero on entry.
+        (25,) row to fill.
     """
-    C, k = state.C_eb, 1.0 + state.range_scale
-    l_rx = C @ lever_b
-    a_rx = state.r_e + l_rx - beacon_e
-    n_rx = float(np.sqrt(a_rx @ a_rx))
-    u_rx = a_rx / n_rx
-    if transmit is None:
-        distance = n_rx
-        H[POS], H[ATT], H[LEVER] = k * u_rx, k * (skew(l_rx) @ u_rx), k * (C.T @ u_rx)
-    else:
-        C_tx = C @ (state.chain.T @ transmit.chain)
-        l_tx = C_tx @ lever_b
-        a_tx = state.r_e - (state.s_e - transmit.s_e) + l_tx - beacon_e
-        n_tx = float(np.sqrt(a_tx @ a_tx))
-        u_tx = a_tx / n_tx
-        distance = 0.5 * (n_tx + n_rx)
-        H[POS] = 0.5 * k * (u_tx + u_rx)
-        H[VEL] = -0.5 * k * transmit.age_s * u_tx
-        H[ATT] = 0.5 * k * (skew(l_rx) @ u_rx + skew(l_tx) @ u_tx)
-        H[LEVER] = 0.5 * k * (C.T @ u_rx + C_tx.T @ u_tx)
+    distance, by_distance = leg(state, lever_b, beacon_e, None)
+    if transmit is not None:
+        there, by_there = leg(state, lever_b, beacon_e, transmit)
+        distance, by_distance = 0.5 * (distance + there), 0.5 * (by_distance + by_there)
+    k = 1.0 + state.range_scale
+    H[:] = k * by_distance
     H[DKD] = distance
     return distance * k

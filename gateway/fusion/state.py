@@ -93,6 +93,11 @@ class State:
         return self.x[sd.B_G]
 
     @property
+    def b_a(self) -> Array:
+        """(3,) view: accelerometer bias, m/s^2."""
+        return self.x[sd.B_A]
+
+    @property
     def chain(self) -> Array:
         """(3, 3) view: attitude propagated without feedback."""
         return self.x[sd.CHAIN].reshape(3, 3)

@@ -39,11 +39,14 @@ def error_map(definition: ErrorDefinition, state: State) -> np.ndarray:
 
 
 def derivative(
-    h: Callable[[State], np.ndarray], state: State, definition: ErrorDefinition
+    h: Callable[[State], np.ndarray],
+    state: State,
+    definition: ErrorDefinition,
+    steps: np.ndarray = STEPS,
 ) -> np.ndarray:
     """(m, 25) derivative of `h` by the error of `definition`, fourth-order differences."""
     columns = []
-    for i, step in enumerate(STEPS):
+    for i, step in enumerate(steps):
         xi = np.zeros(N_FULL)
 
         def at(k: float, xi=xi, i=i, step=step) -> np.ndarray:

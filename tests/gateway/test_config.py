@@ -204,7 +204,12 @@ ONE_FAULT: list[tuple[str, Any, str, str]] = [
     ("beacons.1.travel", "round", "", 'expected one of one_way, two_way, got "round"'),
     ("beacons.1.lon_deg", 400, "", "expected a number from -180 to 360, got 400"),
     ("sound_speed_m_s", 340, "", "expected a number from 1300 to 1700, got 340"),
-    ("filter", {"coupling": "loose"}, ".coupling", "loose is not available yet"),
+    (
+        "filter",
+        {"loose_noise": "none"},
+        ".loose_noise",
+        'expected one of fixed, mapped, got "none"',
+    ),
     ("initial", GONE, "", "missing"),
     ("outputs", [{"type": "nmea"}], "[0].link", "missing"),
     ("outputs", "nmea", "", 'expected a list, got "nmea"'),

@@ -1,0 +1,101 @@
+"""Loose coupling: elevation, bearing and range as one position of the vehicle.
+
+The innovation is a vector in north, east, down at the beacon. Its noise is that of the angles and
+the range carried into it (seed 004), or one sigma for all (seeds 000 and 002); the constant errors
+of the array are the states of the tight model.  # (M.82)-(M.84)
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.fusion.kalman import Linearised
+from gateway.fusion.kinematics import add_latency, earlier
+from gateway.fusion.position import ROW_NAMES
+from gateway.fusion.ranging import leg
+from gateway.fusion.state import (
+    ATT,
+    DALPHA,
+    DBETA,
+    DKD,
+    LEVER,
+    N_FULL,
+    POS,
+    THETA,
+    State,
+)
+from gateway.fusion.usbl import ArrayGeometry, Sighting
+from gateway.nav.earth import C_en, ecef_to_lla
+from gateway.nav.lie import left_jacobian, skew
+
+Array = NDArray[np.float64]
+
+
+def linearise(
+    state: State, geometry: ArrayGeometry, sight: Sighting, sigma_m: float | None
+) -> Linearised | None:
+    """Predict the position error at the state of the reply's arrival.
+
+    `sigma_m` is the noise of each component; None carries that of the fix. None is given back for a
+    fix that is not complete, or whose range is nothing beside the motion.
+    """
+    if np.isnan(sight.measured).any():
+        return None
+    state, omega_e = earlier(state)
+    k = 1.0 + state.range_scale
+    H = np.zeros((3, N_FULL))
+    alpha, beta = sight.measured[:2] - state.angle_offsets
+    range_m, by_range = _range_at_reception(state, geometry, sight)
+    if not range_m > 0.0:
+        return None
+    J_u = _by_polar(float(alpha), float(beta), range_m)
+    C_bu = state.C_theta @ geometry.C_bu
+    r_b = range_m * (C_bu @ J_u[:, 2])
+    lever_b = geometry.lever_b + state.lever_b
+    C = state.C_eb
+    E = C @ C_bu @ J_u
+    to_beacon_e = C @ (r_b + lever_b)
+    H[:, ATT] = -skew(to_beacon_e)
+    H[:, POS] = np.eye(3)
+    H[:, LEVER] = C
+    H[:, THETA] = -C @ skew(r_b) @ left_jacobian(state.theta)
+    H[:, DALPHA], H[:, DBETA] = -E[:, 0], -E[:, 1]
+    H[:, DKD] = -E[:, 2] * sight.measured[2] / k**2
+    H += np.outer(E[:, 2], by_range)
+    add_latency(state, omega_e, H)
+    residual = to_beacon_e + state.r_e - sight.beacon_e
+    lat, lon, _ = ecef_to_lla(sight.beacon_e)
+    C_ne = C_en(lat, lon).T
+    noise = C_ne @ E * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
+    R = noise @ noise.T if sigma_m is None else np.eye(3) * sigma_m**2
+    H = np.ascontiguousarray(C_ne @ H[:, state.columns])
+    return Linearised(C_ne @ residual, H, R, ROW_NAMES)
+
+
+def _range_at_reception(
+    state: State, geometry: ArrayGeometry, sight: Sighting
+) -> tuple[float, Array]:
+    """Measured range freed of its scale and of the motion since the ping.  # (M.83)
+
+    The (25,) derivatives are those of the motion.
+    """
+    range_m = float(sight.measured[2]) / (1.0 + state.range_scale)
+    by_range = np.zeros(N_FULL)
+    if sight.transmit is not None:
+        lever_b = geometry.lever_b + state.lever_b
+        there, by_there = leg(state, lever_b, sight.beacon_e, sight.transmit)
+        back, by_back = leg(state, lever_b, sight.beacon_e, None)
+        range_m += 0.5 * (back - there)
+        by_range = 0.5 * (by_back - by_there)
+    return range_m, by_range
+
+
+def _by_polar(alpha: float, beta: float, range_m: float) -> Array:
+    """(3, 3) derivative of a point in array axes by elevation, bearing and range."""
+    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    return np.array(
+        [
+            [-range_m * sa * cb, -range_m * ca * sb, ca * cb],
+            [-range_m * sa * sb, range_m * ca * cb, ca * sb],
+            [-range_m * ca, 0.0, -sa],
+        ]
+    )
