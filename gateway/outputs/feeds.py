@@ -80,10 +80,13 @@ class _NmeaFeed:
         self._settings = settings
         self._sink = sink
         self._pace = _Pace(settings.rate_hz)
-        self._sent = time.monotonic()
+        self._heard = self._blanked = time.monotonic()
 
     def nav(self, report: NavReport) -> None:
-        if self._pace.is_due(report.utc_ns):
+        self._heard = time.monotonic()
+        age_s = (time.time_ns() - report.utc_ns) * 1e-9
+        # Of the time for which "no solution" was said nothing else is said later.
+        if self._heard - age_s > self._blanked and self._pace.is_due(report.utc_ns):
             self._send(report, report.utc_ns)
 
     def innovation(self, report: InnovationReport) -> None:
@@ -100,25 +103,27 @@ class _NmeaFeed:
 
     async def run(self) -> None:
         """Say "no solution" at the output's rate while there is none."""
-        patience = max(STALE_S, 2.0 / self._settings.rate_hz)
-        blank = asyncio.create_task(self._blanks(patience))
+        blanks = asyncio.create_task(self._blanks())
         try:
             await self._sink.ended.wait()
         finally:
-            blank.cancel()
+            blanks.cancel()
 
-    async def _blanks(self, patience: float) -> None:
-        stale = False
+    async def _blanks(self) -> None:
         while True:
-            wait = 1.0 / self._settings.rate_hz if stale else patience
-            due = self._sent + wait
-            await asyncio.sleep(max(0.0, due - time.monotonic()))
-            stale = time.monotonic() >= self._sent + wait
-            if stale:
+            wait_s = self._next_blank() - time.monotonic()
+            if wait_s > 0.0:
+                await asyncio.sleep(wait_s)
+            else:
+                self._blanked = time.monotonic()
                 self._send(None, time.time_ns())
 
+    def _next_blank(self) -> float:
+        """When to say that there is no solution, if none comes."""
+        period_s = 1.0 / self._settings.rate_hz
+        return max(self._heard + max(STALE_S, 2.0 * period_s), self._blanked + period_s)
+
     def _send(self, report: NavReport | None, utc_ns: int) -> None:
-        self._sent = time.monotonic()
         settings = self._settings
         self._sink.send(nmea.epoch(report, utc_ns, settings.sentences, settings.talker))
 

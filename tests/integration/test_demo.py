@@ -35,12 +35,13 @@ async def test_it_ends_with_its_error_against_the_truth() -> None:
     *lines, last = out.decode().splitlines()
     summary = SUMMARY.fullmatch(last)
     assert summary, last
-    assert float(summary["error"]) < 2.0
+    assert float(summary["error"]) < 3.0  # RMS from the first moment on, with 5 m initial sigma
     assert float(summary["heading"]) < 0.5
     assert int(summary["used"]) >= 4
     assert int(summary["solutions"]) > 100
     assert int(summary["sentences"]) > 70
-    assert any(line.startswith("aided ") for line in lines)
+    status = [line for line in lines if line.startswith("aided ")]
+    assert float(status[-1].split("error ")[1].split()[0]) < 2.0
 
 
 @pytest.mark.parametrize("how", ["Ctrl-C", "SIGTERM"])
