@@ -1,5 +1,6 @@
 """Curves on the ground, as functions of the distance travelled."""
 
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -60,19 +61,16 @@ class CircularRoute:
         return self._radius * outward, ahead, -outward / self._radius
 
 
-class LawnmowerRoute:
-    """Parallel legs joined by half turns, from the origin.
+class WindingRoute:
+    """From the origin in a direction (rad) that is a function of the distance.
 
-    The curvature of a turn is a raised cosine, so that turn rate and lateral acceleration begin and
-    end smoothly. A quintic spline through points of that curve *is* the route: its derivatives are
-    exact for it.
+    A quintic spline through points of that curve *is* the route: its derivatives are exact for it.
     """
 
-    def __init__(self, course: float, leg: float, spacing: float, length: float) -> None:
-        turn = spacing / _turn_width()
+    def __init__(self, direction_at: Callable[[Array], Array], length: float) -> None:
         s = np.arange(0.0, length + 2.0 * _KNOT_M * _SPLINE_DEGREE, _KNOT_M)
         nodes = s[:-1, None] + 0.5 * _KNOT_M * (1.0 + _GAUSS_NODES)
-        direction = course + _mowing_direction(nodes, leg, turn)
+        direction = direction_at(nodes)
         steps = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
         steps = 0.5 * _KNOT_M * np.einsum("ijk,j->ik", steps, _GAUSS_WEIGHTS)
         points = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
@@ -85,8 +83,32 @@ class LawnmowerRoute:
         return r, dr, ddr
 
 
+def lawnmower(course: float, leg: float, spacing: float, length: float) -> WindingRoute:
+    """Parallel legs joined by half turns."""
+    turn = spacing / _turn_width()
+    return WindingRoute(lambda s: course + _mowing_direction(s, leg, turn), length)
+
+
+def legs(
+    course: float, leg: float, turns: Sequence[float], turn: float, length: float
+) -> WindingRoute:
+    """Legs joined by turns of given angles (rad, to starboard), each over the way ``turn``."""
+
+    def direction(s: Array) -> Array:
+        total = np.full_like(s, course)
+        for k, angle in enumerate(turns):
+            u = np.clip((s - leg - k * (leg + turn)) / turn, 0.0, 1.0)
+            total += angle / np.pi * _turned(u)
+        return total
+
+    return WindingRoute(direction, length)
+
+
 def _turned(u: Array) -> Array:
-    """Heading change of a half turn to starboard after the fraction ``u`` of its length."""
+    """Heading change of a half turn to starboard after the fraction ``u`` of its length.
+
+    Its curvature is a raised cosine: turn rate and lateral acceleration begin and end smoothly.
+    """
     return np.pi * u - 0.5 * np.sin(2.0 * np.pi * u)
 
 

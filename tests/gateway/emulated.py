@@ -41,6 +41,13 @@ TRACKS: dict[str, dict[str, Any]] = {
     "circle": {"type": "circle", "radius_m": 71.4, "start_bearing_deg": 90, "turn": "port"},
     "line": {"type": "line", "course_deg": 200.0, "ramp_s": 20.0},
     "lawnmower": {"type": "lawnmower", "course_deg": 30.0, "leg_m": 40.0, "spacing_m": 30.0},
+    "legs": {
+        "type": "legs",
+        "course_deg": 45.0,
+        "leg_m": 30.0,
+        "turn_m": 20.0,
+        "turns_deg": [90.0, -60.0],
+    },
 }
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gateway.emulator.routes import LawnmowerRoute
+from gateway.emulator.routes import lawnmower
 from gateway.emulator.sensors import ImuErrorSource, increments
 from gateway.emulator.trajectory import Trajectory
 from gateway.nav import earth
@@ -100,7 +100,7 @@ def test_a_ramp_starts_from_rest_and_reaches_the_speed():
 
 def test_the_lawnmower_mows():
     """Legs of the length asked for, at the spacing asked for, turning first to starboard."""
-    route = LawnmowerRoute(0.0, leg=100.0, spacing=30.0, length=2000.0)
+    route = lawnmower(0.0, leg=100.0, spacing=30.0, length=2000.0)
     s = np.arange(0.0, 2000.0, 0.25)
     r, dr, ddr = route.at(s)
     np.testing.assert_allclose(np.linalg.norm(dr, axis=1), 1.0, atol=1e-5)

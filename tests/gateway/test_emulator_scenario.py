@@ -79,7 +79,7 @@ def test_first_state_is_the_truth_with_errors_of_its_sigma():
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
-        ("seed: 20", "sead: 20", "sead: unknown key; did you mean seed?"),
+        ("seed: 8", "sead: 8", "sead: unknown key; did you mean seed?"),
         ("type: circle", "type: figure8", "trajectory.type: unknown type"),
         ("codec: kvh1750", "codec: kvh1751", "devices.imu0.codec: no codec is called"),
         (
