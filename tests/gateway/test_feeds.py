@@ -1,4 +1,4 @@
-"""What an NMEA output is given: solutions at its rate, an honest blank, time that never goes back."""
+"""What an NMEA output is given: solutions at its rate, honest blanks, time that never goes back."""
 
 import asyncio
 import socket
