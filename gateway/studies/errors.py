@@ -1,5 +1,6 @@
 """Seeded errors on a perfect voyage: inertial, acoustic, and of the first state."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,10 +14,10 @@ from gateway.emulator.acoustics import AcousticErrors, acoustic_errors
 from gateway.emulator.sensors import ImuErrorSource
 from gateway.emulator.streams import generator
 from gateway.fusion.state import N_FULL
-from gateway.messages import UsblFix
+from gateway.messages import Fix, UsblFix
 from gateway.nav.attitude import C_from_euler, euler_from_C
 from gateway.nav.earth import ecef_to_lla
-from gateway.studies.voyage import Voyage
+from gateway.studies.voyage import Times, Voyage
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,8 @@ class Measured:
         (n, 8) increments with their errors.
     fixes
         In the order of time.
+    told_ns
+        (k,) when a filter is told each fix; None tells it all beforehand, each at its own time.
     initial
         The first state a filter is told.
     constants
@@ -40,9 +43,10 @@ class Measured:
     """
 
     rows: Array
-    fixes: list[UsblFix]
+    fixes: Sequence[Fix]
     initial: Initial
     constants: Array
+    told_ns: Times | None = None
 
 
 def draw(voyage: Voyage, seed: int, attitude: Shape = "gaussian") -> Measured:

@@ -1,5 +1,6 @@
 """One filter over one run: the solution against the truth, second by second."""
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 import msgspec
@@ -10,6 +11,7 @@ from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.state import N_FULL, State
+from gateway.messages import Fix, Innovation
 from gateway.nav.lie import log_so3
 from gateway.studies.errors import Measured
 from gateway.studies.voyage import EPOCH_S, Voyage
@@ -64,15 +66,19 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
         Whether the filter gets the fixes.
     """
     rate_hz = voyage.imu[1].rate_hz
-    timeline = Timeline(engine, rate_hz, history_s=5.0)
-    for fix in measured.fixes if aided else ():
-        timeline.insert(fix, fix.t_ns, f"{fix.device}/{fix.beacon}")
+    timeline = Timeline(engine, rate_hz, voyage.config.filter.history_s)
+    told = _by_epoch(measured) if aided else {}
     step = round(EPOCH_S * rate_hz)
     m = len(voyage.truth.t_s)
     means = np.empty((m, len(engine.memory.state.x)))
     variances = np.empty((m, 9, 9))
-    nees, verdicts = [], []
+    nees: list[float] = []
+    verdicts: list[Innovation] = []
     for k in range(m):
+        for fix in told.get(k, ()):
+            taken = timeline.insert(fix, fix.t_ns, repr(fix))
+            assert taken is not None, f"{fix} comes too late for the history"
+            verdicts += taken
         state = engine.memory.state
         means[k], variances[k] = state.x, state.P[:9, :9]
         if k % NEES_EVERY == 0:
@@ -89,6 +95,17 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
         nis=np.array([v.nis for v in seen]),
         dof=np.array([float(len(v.components)) for v in seen]),
     )
+
+
+def _by_epoch(measured: Measured) -> dict[int, list[Fix]]:
+    """The fixes by the epoch before which a filter is told them."""
+    if measured.told_ns is None:
+        return {0: list(measured.fixes)}
+    told: dict[int, list[Fix]] = defaultdict(list)
+    epochs = np.ceil(1e-9 * measured.told_ns / EPOCH_S).astype(int).tolist()
+    for epoch, fix in zip(epochs, measured.fixes, strict=True):
+        told[epoch].append(fix)
+    return told
 
 
 def normalised_error(voyage: Voyage, measured: Measured, engine: Filter, epoch: int) -> float:

@@ -89,6 +89,7 @@ def usbl_alone(of: Voyage, measured: Measured, inertial: Passage) -> Array:
     epochs = np.rint(t / EPOCH_S).astype(int)
     out = np.empty((len(t), 3))
     for k, fix in enumerate(measured.fixes):
+        assert isinstance(fix, UsblFix)
         C_nu = of.truth.C_en[epochs[k]].T @ pose.C_eb[k] @ C_bu
         seen = exp_so3(inertial.error_n[epochs[k], 6:9]) @ C_nu @ vector(fix)
         out[k] = of.replies.slant_range[k] * (C_nu @ of.replies.direction_u[k]) - seen

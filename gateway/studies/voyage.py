@@ -45,10 +45,11 @@ class Truth:
 class Replies:
     """What a perfect array hears, in the order of time.
 
-    ``t_ns`` (k,) reply at the array; ``beacon`` (k) names; ``direction_u`` (k, 3) unit vectors to
-    the beacon in nominal array axes; ``slant_range`` (k,) m.
+    ``t_ping_ns``, ``t_ns`` (k,) ping and reply at the array; ``beacon`` (k) names; ``direction_u``
+    (k, 3) unit vectors to the beacon in nominal array axes; ``slant_range`` (k,) m.
     """
 
+    t_ping_ns: Times
     t_ns: Times
     beacon: list[str]
     direction_u: Array
@@ -148,6 +149,7 @@ def _replies(scenario: Scenario, trajectory: Trajectory) -> Replies:
         for beacon, block in scenario.beacons.items()
         for alone in [msgspec.structs.replace(scenario, beacons={beacon: block})]
     ]
+    t_tx = np.concatenate([fixes.t_tx for _, fixes in heard])
     t_rx = np.concatenate([fixes.t_rx for _, fixes in heard])
     bearing = np.concatenate([fixes.bearing for _, fixes in heard])
     elevation = np.concatenate([fixes.elevation for _, fixes in heard])
@@ -159,6 +161,7 @@ def _replies(scenario: Scenario, trajectory: Trajectory) -> Replies:
         [level * np.cos(bearing), level * np.sin(bearing), -np.sin(elevation)], axis=-1
     )
     return Replies(
+        t_ping_ns=np.rint(t_tx[order] * 1e9).astype(np.int64),
         t_ns=np.rint(t_rx[order] * 1e9).astype(np.int64),
         beacon=[beacons[k] for k in order],
         direction_u=direction[order],
