@@ -56,14 +56,21 @@ def update(state: State, z: Linearised, error: ErrorDefinition, origin_e: Array)
 def _update(
     x: Array, P: Array, residual: Array, H: Array, R: Array, kind: int, origin_e: Array
 ) -> Array:
-    """Correct the pose in `x`, carry `P` with it, and give the whole correction (n,)."""
+    """Correct the pose in `x`, carry `P` with it, and give the whole correction (n,).  # (M.35)
+
+    What carries P, a matrix that acts on the pose and nothing else, is taken into the factors of
+    the Joseph form: one product of large matrices less.
+    """
     K = _gain(P, H, R)
     delta = -(K @ residual)
-    _joseph(P, K, H, R)
     before = from_additive(kind, x, origin_e)
     retract(kind, x, before @ delta[:9], origin_e)
+    A = np.eye(P.shape[0]) - K @ H
     if kind != 0:
-        _carry(P, to_additive(kind, x, origin_e) @ before)
+        X = to_additive(kind, x, origin_e) @ before
+        A[:9] = X @ A[:9]
+        K[:9] = X @ K[:9]
+    _joseph(P, A, K, R)
     return delta
 
 
@@ -100,25 +107,13 @@ def _gain(P: Array, H: Array, R: Array) -> Array:
 
 
 @compiled
-def _joseph(P: Array, K: Array, H: Array, R: Array) -> None:
-    """P <- (I - K H) P (I - K H)^T + K R K^T, in place and symmetric.  # (M.33)
+def _joseph(P: Array, A: Array, K: Array, R: Array) -> None:
+    """P <- A P A^T + K R K^T, in place and symmetric; A is (I - K H).  # (M.33)
 
     As a product of three matrices: the short forms lose definiteness to rounding when a precise
     measurement meets a large variance.
     """
-    A = np.eye(P.shape[0]) - K @ H
-    new = A @ P @ A.T + K @ R @ K.T
-    P[:, :] = 0.5 * (new + new.T)
-
-
-@compiled
-def _carry(P: Array, X: Array) -> None:
-    """P <- X P X^T where X (9, 9) acts on the pose and nothing else.  # (M.35)"""
-    n = P.shape[0]
-    top = X @ np.ascontiguousarray(P[:9, :])
-    P[:9, :] = top
-    square = np.ascontiguousarray(top[:, :9]) @ X.T
-    P[:9, :9] = 0.5 * (square + square.T)
-    for i in range(9):
-        for j in range(9, n):
-            P[j, i] = P[i, j]
+    new = A @ P @ np.ascontiguousarray(A.T) + K @ R @ np.ascontiguousarray(K.T)
+    for i in range(P.shape[0]):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = 0.5 * (new[i, j] + new[j, i])
