@@ -84,7 +84,7 @@ def without(voyage: Voyage) -> Measured:
     return Measured(
         voyage.rows,
         _sentences(voyage, none, np.zeros((len(voyage.replies.beacon), 3))),
-        _first_state(voyage, zero),
+        displaced(voyage, zero),
         np.zeros(N_FULL - 9),
     )
 
@@ -95,15 +95,15 @@ def first_state(voyage: Voyage, seed: int, attitude: Shape = "gaussian") -> Init
     z = generator(seed, "initial").standard_normal(9)
     if attitude == "uniform":
         z[6:] = np.sqrt(3.0) * generator(seed, "initial", "uniform").uniform(-1.0, 1.0, 3)
-    return _first_state(voyage, z * _sigmas(sigma))
+    return displaced(voyage, z * _sigmas(sigma))
 
 
 def _sigmas(sigma: InitialSigma) -> Array:
     return np.concatenate([sigma.position_m, [sigma.velocity_m_s] * 3, sigma.attitude_deg])
 
 
-def _first_state(voyage: Voyage, error: Array) -> Initial:
-    """The true first state with a given error: NED m and m/s, Euler degrees."""
+def displaced(voyage: Voyage, error: Array) -> Initial:
+    """The true first state with a given (9,) error: NED m, NED m/s, Euler degrees."""
     truth = voyage.truth
     C = truth.C_en[0]
     lat, lon, h = ecef_to_lla(truth.r_e[0] + C @ error[:3])
