@@ -1,10 +1,32 @@
 """Entry point of the `usblnav` command."""
 
+import os
 import sys
+import threading
 
-from gateway.cli import main
+from gateway import cli
 
-__all__ = ["main"]
+BACKGROUND = "usblnav-background"
+"""As in `gateway.outputs.background`, which is imported only where it is needed."""
+
+
+def main() -> int:
+    """Run a command and leave; gives the exit code."""
+    return leave(cli.main())
+
+
+def leave(code: int) -> int:
+    """Give the exit code back, or end the process at once where a thread is left behind.
+
+    A call that is still inside Zenoh (a router that does not answer) would be cancelled by the
+    interpreter's end, and that aborts the process.
+    """
+    if any(thread.name == BACKGROUND for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,6 +9,9 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+NAME = "usblnav-background"
+"""Of the threads; `gateway.__main__` does not let the interpreter end under them."""
+
 
 def _forget(_: object) -> None:
     pass
@@ -45,5 +48,5 @@ async def in_thread(
             except InvalidStateError:
                 late(result)
 
-    threading.Thread(target=work, daemon=True).start()
+    threading.Thread(target=work, name=NAME, daemon=True).start()
     return await asyncio.wrap_future(done)

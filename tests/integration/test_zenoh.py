@@ -277,6 +277,7 @@ def listening(pid: int) -> set[str]:
 DAEMON = """
 import asyncio, signal, sys
 import msgspec
+from gateway.__main__ import leave
 from gateway.config import ZenohOutput
 from gateway.outputs.zenoh import open_publisher
 
@@ -290,6 +291,7 @@ async def main():
         await stop.wait()
 
 asyncio.run(main())
+sys.exit(leave(0))
 """
 
 
