@@ -85,3 +85,10 @@ def chi_squared_bounds(dof: float) -> tuple[float, float]:
     """95 % bounds of a chi-squared number, divided by its degrees of freedom."""
     low, high = (float(scipy.stats.chi2.ppf(p, dof)) / dof for p in (0.025, 0.975))
     return low, high
+
+
+def count(happened: NDArray[np.bool_]) -> Interval:
+    """How often something happened in N runs, with the exact binomial bounds."""
+    k, n = int(happened.sum()), len(happened)
+    bounds = scipy.stats.binomtest(k, n).proportion_ci(0.95)
+    return Interval(float(k), n * float(bounds.low), n * float(bounds.high))
