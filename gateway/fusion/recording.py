@@ -69,7 +69,7 @@ class Knot:
     Phi
         (n, n) transition of the additive error from ``after`` of the knot before to ``before``.
     use
-        The fix.
+        The fix, where one was used.
     """
 
     position: float
@@ -117,12 +117,13 @@ class RecordingFilter(NotingFilter):
     def apply(self, fix: Fix, track: Track) -> Innovation:
         """Use one fix at its time, or say why not.
 
-        A refused one is no knot: the doubt it may add to the covariance is noise between knots.
+        A refused one is a knot where it grew the covariance: what the filter doubts is its own
+        past, so the smoother must go back through it as through an update, not through noise.
         """
         before = self.memory.state.copy()
         verdict = super().apply(fix, track)
-        if verdict.accepted:
-            self._knot(before, self.uses[fix])
+        if verdict.accepted or not np.array_equal(before.P, self.memory.state.P):
+            self._knot(before, self.uses.get(fix))
         return verdict
 
     def restore(self, saved: object) -> None:
