@@ -14,6 +14,7 @@ from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
+from gateway.fusion.start import Start
 from gateway.fusion.state import State
 from gateway.messages import (
     Checkpoint,
@@ -41,7 +42,8 @@ class Estimator:
     rate_hz
         Solutions a second: one at the first sample of each period.
     resume
-        Where an earlier process left off; None begins at the configured initial state.
+        Where an earlier process left off; None begins at the configured initial state, or with
+        finding the attitude where `initial.align` says so.
     engine
         Makes the filter from its model and memory: one that also takes notes, for a replay.
     """
@@ -64,6 +66,8 @@ class Estimator:
         self._received = 0
         self._sound = initial.initial_state(config)
         self._begin(Memory(self._sound.copy()) if resume is None else _memory(resume))
+        aligns = resume is None and config.initial.align is not None
+        self._start = Start(config) if aligns else None
         if resume is not None:
             self._t_last_ns = resume.t_ns
             self._second = resume.t_ns // CALIBRATION_PERIOD_NS
@@ -73,6 +77,8 @@ class Estimator:
         self._received += 1
         if isinstance(measurement, ImuBlock):
             yield from self._feed_samples(measurement)
+        elif self._start is not None:
+            self._start.fixes.append(measurement)
         else:
             yield from self._feed_fix(measurement)
 
@@ -114,12 +120,22 @@ class Estimator:
             begin = end
         yield from self._extend(t_ns[begin:], rows[begin:])
 
-    def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> list[Innovation]:
-        """Run over samples, counting them."""
+    def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> Iterator[Innovation]:
+        """Run over samples, counting them; before that find the attitude where it is not known."""
         if len(t_ns):
             self._samples += len(t_ns)
             self._t_last_ns = int(t_ns[-1])
-        return self._timeline.extend(t_ns, rows)
+        if self._start is not None:
+            yield from self._start.take(t_ns, rows)
+            start = self._start
+            if start.state is None:
+                return
+            self._start, self._sound = None, start.state
+            self._begin(Memory(start.state.copy()))
+            for fix in start.fixes:
+                yield from self._feed_fix(fix)
+            t_ns, rows = start.samples
+        yield from self._timeline.extend(t_ns, rows)
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
@@ -137,6 +153,11 @@ class Estimator:
 
     def _report(self, t_ns: int) -> Iterator[FilterOutput]:
         """Solution at the newest sample, and once a second the constants and totals."""
+        if self._start is not None:
+            yield self._solution(self._start.waiting(t_ns), t_ns, Mode.ALIGNING, None)
+            if self._is_new_second(t_ns):
+                yield self.counts()
+            return
         memory = self._filter.memory
         if not memory.state.is_sound():
             yield self._solution(self._sound, t_ns, Mode.FAULT, None)
@@ -144,13 +165,16 @@ class Estimator:
             return
         age_ns = None if memory.t_used_ns is None else t_ns - memory.t_used_ns
         yield self._solution(memory.state, t_ns, self._mode(age_ns), age_ns)
-        second = t_ns // CALIBRATION_PERIOD_NS
-        if second != self._second:
-            self._second = second
+        if self._is_new_second(t_ns):
             self._sound = memory.state.copy()
             yield calibration(memory.state, t_ns)
             yield self.counts()
             yield self._checkpoint(t_ns)
+
+    def _is_new_second(self, t_ns: int) -> bool:
+        """Whether the totals of this second are still to be said."""
+        before, self._second = self._second, t_ns // CALIBRATION_PERIOD_NS
+        return self._second != before
 
     def _checkpoint(self, t_ns: int) -> Checkpoint:
         """What a new process needs to go on from here."""
@@ -165,6 +189,8 @@ class Estimator:
             gated=memory.gated,
             refused_in_a_row=memory.refused_in_a_row,
             t_used_ns=memory.t_used_ns,
+            quality=memory.quality.copy(),
+            noise=memory.noise.copy(),
         )
 
     def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
@@ -186,5 +212,11 @@ def _memory(saved: Checkpoint) -> Memory:
     columns = np.frombuffer(saved.columns, dtype=np.int64)
     P = np.frombuffer(saved.P).reshape(len(columns), len(columns)).copy()
     return Memory(
-        State(x, P, columns), saved.used, saved.gated, saved.refused_in_a_row, saved.t_used_ns
+        State(x, P, columns),
+        saved.used,
+        saved.gated,
+        saved.refused_in_a_row,
+        saved.t_used_ns,
+        saved.quality.copy(),
+        saved.noise.copy(),
     )

@@ -7,6 +7,7 @@ import msgspec
 from drivers import registry
 from drivers.codec import Codec
 from gateway.config.blocks import (
+    Align,
     Beacon,
     Clock,
     Config,
@@ -28,6 +29,7 @@ from gateway.errors import ConfigError
 from gateway.schema import build, draft, known, read_yaml
 
 __all__ = [
+    "Align",
     "Beacon",
     "Clock",
     "Config",

@@ -121,28 +121,47 @@ class Filter(_Block, frozen=True):
     loose_noise: Literal["mapped", "fixed"] = "mapped"
     loose_sigma_m: Positive = 1.0
     """White error of each component of a loose position where its noise is fixed."""
+    robust: Literal["none", "huber", "student_t"] = "none"
+    """How an unlikely fix that the gate lets through is weighed."""
+    adaptive_noise: bool = False
+    """Whether a device's noise is learnt from its innovations, within a third to three times."""
     innovation_gate: Annotated[float, Meta(gt=0.5, lt=1)] = 0.999
     history_s: Annotated[float, Meta(gt=0, le=120)] = 10.0
     max_fix_age_s: Positive = 10.0
 
 
-class InitialSigma(_Block, frozen=True):
+class StartSigma(_Block, frozen=True):
     """1-sigma of the initial solution: north, east, down; velocity; roll, pitch, heading."""
 
     position_m: SigmaTriple
     velocity_m_s: Positive
+    attitude_deg: SigmaTriple | None = None
+
+
+class InitialSigma(StartSigma, frozen=True):
+    """The same where the attitude is given."""
+
     attitude_deg: SigmaTriple
 
 
-class Initial(_Block, frozen=True):
-    """Where the first solution comes from."""
+class Align(_Block, frozen=True):
+    """How the first attitude is found: roll and pitch by the IMU, the heading as it says."""
+
+    heading: Literal["config", "gyrocompass", "gnss_course", "unknown"] = "config"
+    level_s: Annotated[float, Meta(ge=5, le=600)] = 30.0
+    gyrocompass_s: Annotated[float, Meta(ge=60, le=3600)] = 300.0
+
+
+class Initial(_Block, frozen=True, kw_only=True):
+    """Where the first solution comes from; the attitude may be left to `align`."""
 
     lat_deg: Latitude
     lon_deg: Longitude
     height_m: float
-    attitude_deg: Triple
-    sigma: InitialSigma
+    attitude_deg: Triple | None = None
+    sigma: StartSigma
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
+    align: Align | None = None
 
 
 Sentence = Literal["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]

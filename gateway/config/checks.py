@@ -3,17 +3,31 @@
 They see a draft: a hole (see `gateway.schema.known`) stands where a fault has been named already.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 
 from drivers import registry
 from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
-from gateway.config.blocks import Config, Device, ImuDevice, UsblDevice, ZenohOutput
+from gateway.config.blocks import (
+    Config,
+    Device,
+    ImuDevice,
+    ImuNoise,
+    UsblDevice,
+    ZenohOutput,
+)
 from gateway.schema import build, known
 
-NOT_YET: dict[str, tuple[str, ...]] = {"clock.source": ("pps",)}
+NOT_YET: dict[str, tuple[str, ...]] = {
+    "clock.source": ("pps",),
+    "initial.align.heading": ("gnss_course",),
+}
 """What the file may say but this release does not do."""
+EARTH_RATE_DEG_H = 15.041
+MAX_COMPASS_SIGMA_DEG = 10.0
+"""A compass worse than this is none."""
 
 
 def cross_faults(config: Config) -> Iterator[str]:
@@ -131,6 +145,36 @@ def _collisions(config: Config) -> Iterator[str]:
         earlier.append(claim)
 
 
+def _alignment(config: Config) -> Iterator[str]:
+    """What is neither given nor found, and a compass that the gyros cannot be."""
+    first = config.initial
+    if not known(first) or not known(first.align):
+        return
+    if first.align is None or first.align.heading == "config":
+        if first.attitude_deg is None:
+            yield "initial.attitude_deg: missing; or let align find it"
+        if known(first.sigma) and first.sigma.attitude_deg is None:
+            yield "initial.sigma.attitude_deg: missing"
+    elif first.align.heading == "gyrocompass" and known(first.lat_deg):
+        for name, device in _readable(config).items():
+            if isinstance(device, ImuDevice) and known(device.noise):
+                yield from _no_compass(name, device.noise, first.lat_deg)
+
+
+def _no_compass(name: str, noise: ImuNoise, lat_deg: float) -> Iterator[str]:
+    if not known(noise.gyro_bias_deg_h):
+        return
+    rate_deg_h = EARTH_RATE_DEG_H * math.cos(math.radians(lat_deg))
+    sigma_deg = math.degrees(noise.gyro_bias_deg_h / max(rate_deg_h, 1e-9))
+    if sigma_deg > MAX_COMPASS_SIGMA_DEG:
+        yield (
+            f"initial.align.heading: gyrocompass needs better gyros than devices.{name}"
+            f" (noise.gyro_bias_deg_h: {noise.gyro_bias_deg_h:g}): where the Earth turns at"
+            f" {rate_deg_h:.2g} deg/h about north the heading would be worse than"
+            f" {MAX_COMPASS_SIGMA_DEG:g} deg"
+        )
+
+
 def _addresses(config: Config) -> Iterator[str]:
     for name, device in _readable(config).items():
         if not isinstance(device.link, UdpLink):
@@ -170,6 +214,10 @@ def _not_yet(config: Config) -> Iterator[str]:
         for name, device in _readable(config).items()
         if known(device.clock)
     ]
+    first = config.initial
+    if known(first) and known(first.align) and first.align and known(first.align.heading):
+        key = "initial.align.heading"
+        choices.append((key, key, first.align.heading))
     for path, key, value in choices:
         fault = unavailable(key, value)
         if fault:
@@ -182,6 +230,7 @@ _CHECKS = (
     _codecs,
     _beacons,
     _latencies,
+    _alignment,
     _collisions,
     _addresses,
     _zenoh,

@@ -1,11 +1,12 @@
 """The first state: pose, covariance and noise densities from the words of the configuration."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.config import Config, ImuNoise
+from gateway.config import Config, ImuNoise, Initial
 from gateway.config import Filter as FilterChoice
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.observation import AcousticArray, Loose, Model, Transponder
@@ -30,11 +31,16 @@ from gateway.nav.attitude import C_from_euler, euler_error_map
 from gateway.nav.earth import C_en, lla_to_ecef
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
 
 G0 = 9.80665
 """Standard gravity (m/s^2), the unit behind g and ug."""
 DEG_H = np.radians(1.0) / 3600.0
 UG = 1e-6 * G0
+SWAY_SD_DEG = 10.0
+"""1-sigma of roll and pitch of which nothing is known."""
+ANY_HEADING_SD_DEG = 180.0 / math.sqrt(3.0)
+"""1-sigma of a heading that may be any."""
 
 
 def noise_densities(noise: ImuNoise) -> Array:
@@ -59,11 +65,11 @@ def initial_state(config: Config) -> State:
     """State and covariance at the first sample; what has no prior is not estimated.  # (M.19)"""
     first, sigma = config.initial, config.initial.sigma
     lat, lon = np.radians(first.lat_deg), np.radians(first.lon_deg)
-    roll, pitch, heading = np.radians(first.attitude_deg)
+    (roll, pitch, heading), attitude_sd = np.radians(attitude_deg(first))
     C = C_en(lat, lon)
     M = C @ euler_error_map(pitch, heading)
     P = np.zeros((N_FULL, N_FULL))
-    P[ATT, ATT] = M @ np.diag(np.radians(sigma.attitude_deg) ** 2) @ M.T
+    P[ATT, ATT] = M @ np.diag(attitude_sd**2) @ M.T
     P[VEL, VEL] = np.eye(3) * sigma.velocity_m_s**2
     P[POS, POS] = C @ np.diag(np.square(sigma.position_m)) @ C.T
     noise = config.imu[1].noise
@@ -85,6 +91,18 @@ def initial_state(config: Config) -> State:
         P[np.ix_(columns, columns)],
         columns,
     )
+
+
+def attitude_deg(first: Initial) -> tuple[Triple, Triple]:
+    """Attitude and its 1-sigma: as given, or what is known before it has been found."""
+    given, sigma = first.attitude_deg, first.sigma.attitude_deg
+    if first.align is None:
+        assert given is not None and sigma is not None
+        return given, sigma
+    if first.align.heading == "config":
+        assert given is not None and sigma is not None
+        return (0.0, 0.0, given[2]), (SWAY_SD_DEG, SWAY_SD_DEG, sigma[2])
+    return (0.0, 0.0, 0.0), (SWAY_SD_DEG, SWAY_SD_DEG, ANY_HEADING_SD_DEG)
 
 
 def model(config: Config) -> Model:
@@ -119,6 +137,8 @@ def model(config: Config) -> Model:
             for name, b in config.beacons.items()
         },
         loose=_loose(config.filter),
+        robust=config.filter.robust,
+        adaptive_noise=config.filter.adaptive_noise,
     )
 
 

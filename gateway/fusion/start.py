@@ -1,0 +1,145 @@
+"""The start: samples are gathered until they give the attitude, then the filter runs over them.
+
+It runs from the window's beginning, not from its end: the configured position and velocity are
+those of the first samples, and the fixes heard meanwhile count in their places.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.config import Config
+from gateway.fusion import align
+from gateway.fusion.initial import DEG_H, UG, attitude_deg, initial_state, noise_densities
+from gateway.fusion.state import ATT, POS, VEL, State
+from gateway.messages import Component, Fix, Innovation
+from gateway.nav import strapdown as sd
+from gateway.nav.attitude import euler_from_C
+from gateway.nav.earth import C_en
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+_BIASES = slice(9, 15)
+
+
+class Start:
+    """Finds the first state of one vehicle from its first samples (``initial.align``).
+
+    A window whose motion leaves the attitude too uncertain is refused and the next one tried.
+
+    Attributes
+    ----------
+    state
+        At the beginning of the window that gave the attitude; None while there is none.
+    fixes
+        What came meanwhile, in the order of arrival.
+    """
+
+    def __init__(self, config: Config) -> None:
+        assert config.initial.align is not None
+        self.state: State | None = None
+        self.fixes: list[Fix] = []
+        self._choice = config.initial.align
+        self._device, imu = config.imu
+        self._prior = initial_state(config)
+        first = config.initial
+        self._site = align.Site(
+            float(np.radians(first.lat_deg)),
+            first.height_m,
+            np.asarray(first.velocity_ned_m_s),
+            first.sigma.velocity_m_s,
+        )
+        q = np.sqrt(noise_densities(imu.noise))
+        biases = imu.noise.gyro_bias_deg_h * DEG_H, imu.noise.accel_bias_ug * UG
+        self._grade = align.Grade(float(q[0]), float(q[1]), *biases)
+        self._heading, self._heading_sd = (math.radians(a[2]) for a in attitude_deg(first))
+        compass = self._choice.heading == "gyrocompass"
+        self._span_ns = round(
+            1e9 * (self._choice.gyrocompass_s if compass else self._choice.level_s)
+        )
+        self._t: list[Times] = []
+        self._rows: list[Array] = []
+        self._t_first_ns: int | None = None
+        align.warm_up()
+
+    def take(self, t_ns: Times, rows: Array) -> Iterator[Innovation]:
+        """Take samples; give a verdict on each window they complete, until one is good."""
+        if not len(t_ns):
+            return
+        self._t.append(t_ns)
+        self._rows.append(rows)
+        if self._t_first_ns is None:
+            self._t_first_ns = self._begins()
+        while self.state is None and self._t and self._t[-1][-1] >= self._begins() + self._span_ns:
+            t, held = self.samples
+            count = int(np.searchsorted(t, self._begins() + self._span_ns)) + 1
+            verdict, found = self._judge(held[:count])
+            yield verdict
+            if verdict.accepted:
+                self.state = self._first_state(found)
+            else:
+                self._t = [t[count:]] if count < len(t) else []
+                self._rows = [held[count:]] if count < len(t) else []
+                yield from self._forget(int(t[count - 1]))
+
+    @property
+    def samples(self) -> tuple[Times, Array]:
+        """(n,) and (n, 8): what was taken since the window's beginning, beyond its end too."""
+        self._t, self._rows = [np.concatenate(self._t)], [np.concatenate(self._rows)]
+        return self._t[0], self._rows[0]
+
+    def waiting(self, t_ns: int) -> State:
+        """What is known without an attitude: the configured place and velocity, some time on."""
+        state, P = self._prior.copy(), self._prior.P
+        dt = 0.0 if self._t_first_ns is None else (t_ns - self._t_first_ns) * 1e-9
+        state.r_e[:] += state.v_eb_e * dt
+        state.P[POS, POS] += P[VEL, VEL] * dt**2
+        state.P[POS, VEL] += P[VEL, VEL] * dt
+        state.P[VEL, POS] += P[VEL, VEL] * dt
+        return state
+
+    def _begins(self) -> int:
+        """Beginning of the first sample's interval."""
+        return int(self._t[0][0]) - round(float(self._rows[0][0, 0]) * 1e9)
+
+    def _judge(self, rows: Array) -> tuple[Innovation, align.Found]:
+        """What a window gives, and whether that will do."""
+        if self._choice.heading == "gyrocompass":
+            found = align.gyrocompass(rows, self._site, self._grade)
+        else:
+            found = align.level(rows, self._site, self._grade, self._heading, self._heading_sd)
+        roll, pitch, heading = np.degrees(euler_from_C(found.C_nb))
+        level_sd, heading_sd = np.degrees([found.level_sd, found.heading_sd])
+        components = (
+            Component("roll_deg", float(roll), float(level_sd)),
+            Component("pitch_deg", float(pitch), float(level_sd)),
+            Component("heading_deg", float(heading) % 360.0, float(heading_sd)),
+        )
+        good = not found.refusal
+        t_ns, nan = self._begins(), float("nan")
+        return Innovation(t_ns, self._device, "", components, nan, good, found.refusal), found
+
+    def _first_state(self, found: align.Found) -> State:
+        """State at the window's beginning, its attitude error tied to the biases'.  # (M.133)"""
+        state = self.waiting(self._begins())
+        lat, lon = self._site.lat, np.arctan2(state.r_e[1], state.r_e[0])
+        C, P = C_en(lat, lon), state.P
+        state.x[sd.C_EB] = state.x[sd.CHAIN] = (C @ found.C_nb).ravel()
+        J = C @ np.hstack([found.by_gyro, found.by_accel])
+        P[ATT, :] = 0.0
+        P[ATT, _BIASES] = J @ P[_BIASES, _BIASES]
+        P[:, ATT] = P[ATT, :].T
+        P[ATT, ATT] = J @ P[_BIASES, _BIASES] @ J.T + C @ found.noise @ C.T
+        P[VEL, VEL] += C @ np.diag(found.sway_v**2) @ C.T
+        return state
+
+    def _forget(self, t_ns: int) -> Iterator[Innovation]:
+        """Refuse the fixes of a window that gave no attitude."""
+        stale = [fix for fix in self.fixes if fix.t_ns <= t_ns]
+        self.fixes = [fix for fix in self.fixes if fix.t_ns > t_ns]
+        for fix in sorted(stale, key=lambda fix: fix.t_ns):
+            beacon = getattr(fix, "beacon", "")
+            yield Innovation(fix.t_ns, fix.device, beacon, (), float("nan"), False, "aligning")
