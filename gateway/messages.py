@@ -185,6 +185,8 @@ class Innovation(msgspec.Struct, frozen=True, array_like=True, tag="innovation")
     nis: float
     accepted: bool
     reason: str
+    quality: float | None = None
+    """Running mean of the beacon's NIS per row, near 1 as declared; None where no beacon is."""
 
 
 class Constant(msgspec.Struct, frozen=True, array_like=True):
@@ -232,6 +234,8 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     gated: int
     refused_in_a_row: int
     t_used_ns: int | None
+    quality: dict[str, tuple[int, float]] = {}
+    noise: dict[str, float] = {}
 
 
 FilterOutput = NavSolution | Innovation | Calibration | FilterCounts | Checkpoint

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gateway.fusion import usbl
+from gateway.fusion import robust, usbl
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import (
     Linearised,
@@ -51,10 +51,15 @@ class Memory:
     refused_in_a_row: int = 0
     """Once over `LOCK_OUT`, used fixes count it down before it is forgotten."""
     t_used_ns: int | None = None
+    quality: dict[str, tuple[int, float]] = field(default_factory=dict)
+    """By beacon, see `gateway.fusion.robust`."""
+    noise: dict[str, float] = field(default_factory=dict)
+    """By device and row, see `gateway.fusion.robust`."""
 
     def copy(self) -> Self:
         """Independent copy."""
-        return replace(self, state=self.state.copy())
+        noise, quality = self.noise.copy(), self.quality.copy()
+        return replace(self, state=self.state.copy(), noise=noise, quality=quality)
 
 
 @dataclass
@@ -95,7 +100,7 @@ class Filter:
 
     def apply(self, fix: Fix, track: Track) -> Innovation:
         """Use one fix at its time, or say why not."""
-        z = observe(self.model, self.memory.state, fix, track)
+        z = self._observe(fix, track)
         if isinstance(z, str):
             return self._refuse(fix, z)
         S = innovation_covariance(self.memory.state.P, z)
@@ -105,39 +110,67 @@ class Filter:
             return self._refuse(fix, "fault")
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open())
+        quality = self._judge(fix, nis, len(z.residual))
         if accepted:
-            self._use(z, fix, track)
-            if fix.locates:
-                self.memory.t_used_ns = fix.t_ns
+            self._use(z, S, nis, fix, track)
         else:
-            self._doubt()
+            self._doubt(fix)
         reason = "" if accepted else "gate"
+        components = _components(z, S)
         return Innovation(
-            fix.t_ns, fix.device, fix.beacon, _components(z, S), nis, accepted, reason
+            fix.t_ns, fix.device, fix.beacon, components, nis, accepted, reason, quality
         )
 
-    def _use(self, z: Linearised, fix: Fix, track: Track) -> None:
+    def _observe(self, fix: Fix, track: Track) -> Linearised | str:
+        """Linearise a fix with the noise that its device has shown."""
+        z = observe(self.model, self.memory.state, fix, track)
+        return z if isinstance(z, str) else robust.rescaled(z, fix.device, self.memory.noise)
+
+    def _judge(self, fix: Fix, nis: float, rows: int) -> float | None:
+        """Quality of the beacon with this fix; None where there is no beacon."""
+        if not fix.beacon:
+            return None
+        quality = self.memory.quality
+        heard = robust.updated_quality(quality.get(fix.beacon, (0, 0.0)), nis, rows)
+        quality[fix.beacon] = heard
+        return heard[1]
+
+    def _use(self, z: Linearised, S: Array, nis: float, fix: Fix, track: Track) -> None:
         """Update by a fix; in small parts while the estimate may be far off.  # (M.36)"""
         memory = self.memory
         locked_out = memory.refused_in_a_row > LOCK_OUT
-        parts = CAREFUL_PARTS if locked_out or self._gate_is_open() else 1
-        update(memory.state, _weakened(z, parts), self.model.error, self.origin_e)
+        careful = locked_out or self._gate_is_open()
+        parts = CAREFUL_PARTS if careful else 1
+        weakening = 1.0 if careful else robust.inflation(self.model.robust, nis, len(z.residual))
+        update(memory.state, _weakened(z, parts * weakening), self.model.error, self.origin_e)
         for _ in range(1, parts):
-            again = observe(self.model, memory.state, fix, track)
+            again = self._observe(fix, track)
             if not isinstance(again, str):
                 update(memory.state, _weakened(again, parts), self.model.error, self.origin_e)
+        if self.model.adaptive_noise and not careful:
+            robust.learn_noise(memory.noise, fix.device, z, S)
         memory.used += 1
+        if fix.locates:
+            memory.t_used_ns = fix.t_ns
+            self._trust(locked_out)
+
+    def _trust(self, locked_out: bool) -> None:
+        """Count a used fix towards the end of a lock-out."""
+        memory = self.memory
         if locked_out:
             memory.refused_in_a_row = min(memory.refused_in_a_row, LOCK_OUT + FREED) - 1
         if memory.refused_in_a_row <= LOCK_OUT:
             memory.refused_in_a_row = 0
 
-    def _doubt(self) -> None:
-        """Count a refused fix and free a filter that is locked out.  # (M.37)"""
+    def _doubt(self, fix: Fix) -> None:
+        """Count a refused fix and free a filter that is locked out.  # (M.37)
+
+        Only what locates the vehicle tells of a lock-out: anything else agrees with a wrong place.
+        """
         memory = self.memory
         memory.gated += 1
-        memory.refused_in_a_row += 1
-        if memory.refused_in_a_row > LOCK_OUT:
+        memory.refused_in_a_row += fix.locates
+        if fix.locates and memory.refused_in_a_row > LOCK_OUT:
             for part, share in JUMP:
                 block = memory.state.P[part, part]
                 block += share * np.trace(block) / 3.0 * np.eye(3)
@@ -155,7 +188,7 @@ class Filter:
         return Innovation(fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, reason)
 
 
-def _weakened(z: Linearised, parts: int) -> Linearised:
+def _weakened(z: Linearised, parts: float) -> Linearised:
     """The measurement with so much noise that `parts` of it weigh as much as the whole."""
     return replace(z, R=z.R * parts)
 

@@ -21,6 +21,7 @@ from gateway.fusion.errors import ErrorDefinition
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.radial_velocity import Doppler
 from gateway.fusion.ranging import Past
+from gateway.fusion.robust import Kind as RobustKind
 from gateway.fusion.state import State
 from gateway.messages import (
     Acoustic,
@@ -108,6 +109,8 @@ class Model:
         By device; one that is not named sits at the IMU in the body's axes.
     loose
         None couples acoustic fixes tightly.
+    robust, adaptive_noise
+        See `gateway.fusion.robust`.
     """
 
     error: ErrorDefinition
@@ -118,6 +121,8 @@ class Model:
     beacons: dict[str, Transponder]
     mounts: dict[str, Mount] = field(default_factory=dict)
     loose: Loose | None = None
+    robust: RobustKind = "none"
+    adaptive_noise: bool = False
 
     def mount(self, device: str) -> Mount:
         """Where a device sits."""

@@ -5,11 +5,14 @@ import math
 from drivers.records import Record, Rejected, UsblRecord
 from gateway.config import UsblDevice
 from gateway.ingest.device import DeviceIngest
-from gateway.messages import Measurement, UsblFix
+from gateway.messages import Measurement, RadialRate, UsblFix
 
 
 class UsblIngest(DeviceIngest):
-    """Acoustic records to fixes at the moment the reply reached the array."""
+    """Acoustic records to fixes at the moment the reply reached the array.
+
+    A radial rate is a measurement of its own: it stands where the fix beside it is not valid.
+    """
 
     def __init__(self, name: str, device: UsblDevice) -> None:
         super().__init__(device.link, device.clock.latency_ms)
@@ -22,14 +25,14 @@ class UsblIngest(DeviceIngest):
             return
         if not isinstance(record, UsblRecord):
             self.counts.ignored["not_usbl"] += 1
-        elif not record.valid:
-            self.counts.ignored[record.error_code or "invalid"] += 1
-        elif record.axes != "array" or (
-            record.bearing_deg is None and record.slant_range_m is None
-        ):
-            self.counts.ignored["not_array_axes"] += 1
-        else:
+            return
+        fault = _fault(record)
+        if fault is None:
             self._fixes.append(self._fix(record))
+        else:
+            self.counts.ignored[fault] += 1
+        if record.range_rate_m_s is not None:
+            self._fixes.append(self._rate(record, record.range_rate_m_s))
 
     def flush(self) -> list[Measurement]:
         """The fixes since the last call."""
@@ -47,6 +50,19 @@ class UsblIngest(DeviceIngest):
             bearing=_radians(record.bearing_deg),
             slant_range=record.slant_range_m,
         )
+
+    def _rate(self, record: UsblRecord, rate_m_s: float) -> RadialRate:
+        """The rate of the distance, stamped like the fix."""
+        t_ns = self._left_instrument_ns(record)
+        return RadialRate(t_ns, self._name, record.beacon, (rate_m_s,))
+
+
+def _fault(record: UsblRecord) -> str | None:
+    """Why a record is no sighting from the array; None if it is one."""
+    if not record.valid:
+        return record.error_code or "invalid"
+    carries = record.bearing_deg is not None or record.slant_range_m is not None
+    return None if record.axes == "array" and carries else "not_array_axes"
 
 
 def _radians(degrees: float | None) -> float | None:
