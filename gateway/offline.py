@@ -171,10 +171,10 @@ class SmoothedPass:
     def _outputs(self, stretch: _Stretch, used_ns: NDArray[np.int64]) -> Iterator[FilterOutput]:
         """The forward pass's outputs with the smoothed state in place of the filter's."""
         end = stretch.engine.knots[-1].position
-        within = [at for at, output in stretch.epochs if _is_of_state(output) and at <= end]
+        within = [at for at, output in stretch.epochs if _is_of_state(output) and 0 < at <= end]
         states = iter(between(stretch.engine, stretch.states, within))
         for at, output in stretch.epochs:
-            if not (_is_of_state(output) and at <= end):
+            if not (_is_of_state(output) and 0 < at <= end):  # aligning, or no longer sound
                 yield output
                 continue
             state = next(states)
