@@ -19,12 +19,16 @@ class Start(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     resume: Checkpoint | None
 
 
+class Compiling(msgspec.Struct, frozen=True, array_like=True, tag="compiling"):
+    """Word of a worker that found no compiled filter in the cache: half a minute until `Ready`."""
+
+
 class Ready(msgspec.Struct, frozen=True, array_like=True, tag="ready"):
-    """First word of a worker: compiled and waiting for measurements."""
+    """First word of a worker otherwise: compiled and waiting for measurements."""
 
 
 ToWorker = Start | Measurement
-ToHost = Ready | FilterOutput
+ToHost = Compiling | Ready | FilterOutput
 
 _encoder = msgspec.msgpack.Encoder()
 _to_worker: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)

@@ -13,6 +13,7 @@ import msgspec
 from gateway.config import Config
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
+    Compiling,
     Ready,
     Start,
     encode,
@@ -173,6 +174,8 @@ class FilterHost:
             self.status.ready = True
             self.ready.set()
             self._pump()
+        elif isinstance(message, Compiling):
+            _log.info("compiling the filter, once: what comes meanwhile waits for it")
         elif isinstance(message, Checkpoint):
             self._keep(message)
         elif not isinstance(message, NavSolution):

@@ -10,8 +10,16 @@ import socket
 import sys
 
 from gateway.estimator import Estimator
-from gateway.filter_process.channel import MAX_MESSAGE, Ready, Start, encode, read_in_worker
+from gateway.filter_process.channel import (
+    MAX_MESSAGE,
+    Compiling,
+    Ready,
+    Start,
+    encode,
+    read_in_worker,
+)
 from gateway.fusion.filter import warm_up
+from gateway.nav.compiled import told_of_compiling
 
 
 def main(fd: int) -> None:
@@ -28,8 +36,9 @@ def main(fd: int) -> None:
 def _serve(channel: socket.socket) -> None:
     start = read_in_worker(channel.recv(MAX_MESSAGE))
     assert isinstance(start, Start)
-    estimator = Estimator(start.config, start.rate_hz, start.resume)
-    warm_up()
+    with told_of_compiling(lambda: channel.send(encode(Compiling()))):
+        estimator = Estimator(start.config, start.rate_hz, start.resume)
+        warm_up()
     gc.freeze()  # a full collection of what start-up made would hold up a solution by tens of ms
     channel.send(encode(Ready()))
     while data := channel.recv(MAX_MESSAGE):
