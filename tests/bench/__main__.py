@@ -1,0 +1,26 @@
+"""What the gateway costs, as a table of medians: ``python -m tests.bench``."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from tests.bench import live, replayed, steps
+
+
+def main() -> None:
+    """Measure on one core, but for what needs two processes, and print."""
+    cores = os.sched_getaffinity(0)
+    with tempfile.TemporaryDirectory() as folder:
+        source = replayed.source(Path(folder))
+        os.sched_setaffinity(0, {min(cores)})
+        rows = [*replayed.measure(source, Path(folder)), *steps.measure(source)]
+        os.sched_setaffinity(0, cores)
+        rows += live.measure(source)
+    print(f"{source.name}, {len(cores)} cores, load {os.getloadavg()[0]:.1f}")
+    width = max(len(name) for name, _, _ in rows)
+    for name, value, unit in rows:
+        print(f"{name:{width}}  {value:9.1f} {unit}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""Time of each step on the way from packets to sentences, one core."""
+
+import time
+from collections.abc import Callable
+from itertools import islice
+from statistics import median
+
+import msgspec
+import numpy as np
+
+from drivers.capture.reader import read_packets
+from drivers.capture.streams import read_streams
+from gateway.config import Config, load, wire_format
+from gateway.estimator import Estimator
+from gateway.fusion.filter import Filter, warm_up
+from gateway.ingest import intakes
+from gateway.messages import ImuBlock, Measurement, NavSolution, UsblFix
+from gateway.outputs import nmea
+from gateway.outputs.schema import nav_report
+from tests.bench.replayed import Row, Source
+
+RUNS = 7
+PACKETS = 20_000
+BATCH = 64
+SENTENCES = ("GGA", "RMC", "HDT", "VTG", "GST", "ZDA")
+
+
+def measure(source: Source) -> list[Row]:
+    """Microseconds of each step."""
+    warm_up()
+    config = load(source.config)
+    measurements = arrivals(source, config, PACKETS)
+    return [
+        ("packet of a capture, unzipped and parsed", _reading(source), "us"),
+        ("frame decoded (KVH)", _decoding(source, config), "us"),
+        ("frame decoded, timed and turned to body axes", _intake(source, config), "us"),
+        ("filter step, 200 Hz, in batches", _stepping(config, measurements), "us"),
+        ("update by one fix", _updating(config, measurements), "us"),
+        ("late fix, 0.5 s run again", _rerunning(config, measurements, 0.5), "us"),
+        ("late fix, 10 s run again", _rerunning(config, measurements, 9.9), "us"),
+        ("NMEA epoch of six sentences", _sentences(config, measurements), "us"),
+    ]
+
+
+def arrivals(source: Source, config: Config, packets: int) -> list[Measurement]:
+    """Measurements of the first packets, one for each frame, as they arrive live."""
+    devices = intakes(config)
+    found: list[Measurement] = []
+    for name, data, t_ns in _payloads(source, config, packets):
+        devices[name].feed(data, t_ns)
+        found += devices[name].flush()
+    return found
+
+
+def samples(measurements: list[Measurement], per_block: int) -> list[ImuBlock]:
+    """The inertial samples in blocks of a size."""
+    blocks = [m for m in measurements if isinstance(m, ImuBlock)]
+    return [
+        ImuBlock(
+            b"".join(b.t_ns for b in blocks[k : k + per_block]),
+            b"".join(b.rows for b in blocks[k : k + per_block]),
+        )
+        for k in range(0, len(blocks), per_block)
+    ]
+
+
+def _payloads(source: Source, config: Config, packets: int) -> list[tuple[str, bytes, int]]:
+    links = {name: device.link for name, device in config.devices.items()}
+    return list(islice(read_streams([source.capture], links), packets))
+
+
+def _median_us(work: Callable[[], int]) -> float:
+    """Microseconds an item, `work` telling how many it did."""
+    took = []
+    for _ in range(RUNS):
+        begun = time.perf_counter()
+        items = work()
+        took.append((time.perf_counter() - begun) * 1e6 / items)
+    return median(took)
+
+
+def _reading(source: Source) -> float:
+    return _median_us(lambda: sum(1 for _ in islice(read_packets(source.capture), PACKETS)))
+
+
+def _decoding(source: Source, config: Config) -> float:
+    imu, device = config.imu
+    frames = [data for name, data, _ in _payloads(source, config, PACKETS) if name == imu]
+    codec, options = wire_format(device)
+
+    def work() -> int:
+        decoder = codec.decoder(options)
+        return sum(1 for frame in frames for _ in decoder.feed(frame, 0))
+
+    return _median_us(work)
+
+
+def _intake(source: Source, config: Config) -> float:
+    imu, _ = config.imu
+    chunks = [(d, t) for name, d, t in _payloads(source, config, PACKETS) if name == imu]
+
+    def work() -> int:
+        device = intakes(config)[imu]
+        for n, (data, t_ns) in enumerate(chunks, 1):
+            device.feed(data, t_ns)
+            if n % BATCH == 0:
+                device.flush()
+        return len(chunks)
+
+    return _median_us(work)
+
+
+def _stepping(config: Config, measurements: list[Measurement]) -> float:
+    blocks = samples(measurements, BATCH)
+
+    def work() -> int:
+        estimator = Estimator(config, rate_hz=1.0)
+        for block in blocks:
+            for _ in estimator.feed(block):
+                pass
+        return sum(len(block.t_ns) // 8 for block in blocks)
+
+    return _median_us(work)
+
+
+def _updating(config: Config, measurements: list[Measurement]) -> float:
+    """Time inside the filter's own update, wherever the timeline calls it."""
+    took: list[float] = []
+    plain = Filter.apply
+
+    def timed(self: Filter, *arguments: object) -> object:
+        begun = time.perf_counter()
+        verdict = plain(self, *arguments)  # type: ignore[arg-type]
+        took.append((time.perf_counter() - begun) * 1e6)
+        return verdict
+
+    Filter.apply = timed  # type: ignore[assignment,method-assign]
+    try:
+        estimator = Estimator(config, rate_hz=10.0)
+        for measurement in measurements:
+            for _ in estimator.feed(measurement):
+                pass
+    finally:
+        Filter.apply = plain  # type: ignore[method-assign]
+    return median(took)
+
+
+def _rerunning(config: Config, measurements: list[Measurement], late_s: float) -> float:
+    """A fix so late behind 15 s of samples, in a fresh history each time."""
+    fix = next(m for m in measurements if isinstance(m, UsblFix))
+    blocks = samples(measurements[:3000], BATCH)
+    head_ns = int(np.frombuffer(blocks[-1].t_ns, dtype=np.int64)[-1])
+    late = msgspec.structs.replace(fix, t_ns=head_ns - round(late_s * 1e9))
+    took = []
+    for _ in range(RUNS):
+        estimator = Estimator(config, rate_hz=1.0)
+        for block in blocks:
+            for _ in estimator.feed(block):
+                pass
+        begun = time.perf_counter()
+        verdicts = list(estimator.feed(late))
+        took.append((time.perf_counter() - begun) * 1e6)
+        assert [verdict.nis > 0.0 for verdict in verdicts] == [True]
+    return median(took)
+
+
+def _sentences(config: Config, measurements: list[Measurement]) -> float:
+    estimator = Estimator(config, rate_hz=10.0)
+    outputs = (output for m in measurements[:2000] for output in estimator.feed(m))
+    reports = [nav_report(output, 0) for output in outputs if isinstance(output, NavSolution)]
+
+    def work() -> int:
+        for report in reports:
+            nmea.epoch(report, report.utc_ns, SENTENCES, "GP")
+        return len(reports)
+
+    return _median_us(work)
