@@ -8,6 +8,7 @@ import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -263,3 +264,17 @@ def test_ready_means_that_nothing_is_left_to_compile(given: Input) -> None:
     assert compiled == "nothing"
     assert "fixes_used=3" in counts
     assert FilterCounts.__name__ in counts
+
+
+async def test_a_cold_start_is_told(
+    given: Input,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """Half a minute in which nothing else is said: the cache of compiled functions is empty."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    caplog.set_level("INFO")
+    async with hosted(given.config) as running:
+        await running.until(lambda: "compiling the filter" in caplog.text)
+        assert not running.host.status.ready
