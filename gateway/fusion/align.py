@@ -251,6 +251,13 @@ def course(v_n: Array, sigma_v: float, sigma_crab: float, min_speed: float) -> t
     return math.atan2(v_n[1], v_n[0]), math.hypot(sigma_v / speed, sigma_crab)
 
 
+def attitudes(rows: Array) -> Array:
+    """(n, 3, 3) inertial attitude after each sample in the axes of the window's beginning."""
+    u, D = np.zeros((len(rows) + 1, 3)), np.zeros((len(rows), 3, 3))
+    _carry_along(rows, u, D, np.zeros(3))
+    return D
+
+
 def warm_up() -> None:
     """Compile or load the hot function, so that no window's end waits for it."""
     _carry_along(np.zeros((1, 8)), np.zeros((2, 3)), np.zeros((1, 3, 3)), np.zeros(3))

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.fusion import align
-from gateway.fusion.initial import DEG_H, UG, attitude_deg, initial_state, noise_densities
+from gateway.fusion.initial import DEG_H, UG, attitude_deg, initial_state, model, noise_densities
+from gateway.fusion.sighting_heading import agreed, seen_heading
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.messages import Component, Fix, Innovation
 from gateway.nav import strapdown as sd
@@ -45,6 +46,7 @@ class Start:
         self._choice = config.initial.align
         self._device, imu = config.imu
         self._prior = initial_state(config)
+        self._model = model(config)
         first = config.initial
         self._site = align.Site(
             float(np.radians(first.lat_deg)),
@@ -76,7 +78,7 @@ class Start:
         while self.state is None and self._t and self._t[-1][-1] >= self._begins() + self._span_ns:
             t, held = self.samples
             count = int(np.searchsorted(t, self._begins() + self._span_ns)) + 1
-            verdict, found = self._judge(held[:count])
+            verdict, found = self._judge(t[:count], held[:count])
             yield verdict
             if verdict.accepted:
                 self.state = self._first_state(found)
@@ -105,12 +107,18 @@ class Start:
         """Beginning of the first sample's interval."""
         return int(self._t[0][0]) - round(float(self._rows[0][0, 0]) * 1e9)
 
-    def _judge(self, rows: Array) -> tuple[Innovation, align.Found]:
+    def _judge(self, t_ns: Times, rows: Array) -> tuple[Innovation, align.Found]:
         """What a window gives, and whether that will do."""
+        unseen = False
         if self._choice.heading == "gyrocompass":
             found = align.gyrocompass(rows, self._site, self._grade)
         else:
-            found = align.level(rows, self._site, self._grade, self._heading, self._heading_sd)
+            found = self._level(rows, self._heading)
+        if self._choice.heading == "unknown" and not found.refusal and self._model.arrays:
+            seen = self._seen(t_ns, rows, found)
+            unseen = seen is None
+            found = found if seen is None else self._level(rows, seen)
+        reason = "no_fix" if unseen else found.refusal
         roll, pitch, heading = np.degrees(euler_from_C(found.C_nb))
         level_sd, heading_sd = np.degrees([found.level_sd, found.heading_sd])
         components = (
@@ -118,9 +126,32 @@ class Start:
             Component("pitch_deg", float(pitch), float(level_sd)),
             Component("heading_deg", float(heading) % 360.0, float(heading_sd)),
         )
-        good = not found.refusal
-        t_ns, nan = self._begins(), float("nan")
-        return Innovation(t_ns, self._device, "", components, nan, good, found.refusal), found
+        t_begin, nan = self._begins(), float("nan")
+        return Innovation(t_begin, self._device, "", components, nan, not reason, reason), found
+
+    def _level(self, rows: Array, heading: float) -> align.Found:
+        """Level of a window begun on a heading."""
+        return align.level(rows, self._site, self._grade, heading, self._heading_sd)
+
+    def _seen(self, t_ns: Times, rows: Array, found: align.Found) -> float | None:
+        """Heading at the window's beginning by the fixes in it, if there are any.
+
+        It says about which heading the first fixes are linearised; that they are used again for
+        the state is no harm, because the heading's sigma stays that of one which may be any.
+        """
+        turned = align.attitudes(rows)
+        seen = [
+            seen_heading(
+                fix,
+                self._model,
+                found.C_nb @ turned[np.searchsorted(t_ns, fix.t_ns)],
+                self.waiting(fix.t_ns).r_e,
+            )
+            for fix in self.fixes
+            if self._begins() < fix.t_ns <= t_ns[-1]
+        ]
+        known = [heading for heading in seen if heading is not None]
+        return agreed(known) if known else None
 
     def _first_state(self, found: align.Found) -> State:
         """State at the window's beginning, its attitude error tied to the biases'.  # (M.133)"""
