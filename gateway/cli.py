@@ -15,6 +15,7 @@ from typing import Any
 from gateway.errors import ConfigError, UsblnavError
 
 INTERRUPTED = 130
+FILTERS = ("right_invariant", "left_invariant", "additive", "loose")
 STUDIES = (
     "relative-measurement",
     "propagation-delay",
@@ -144,7 +145,7 @@ def _add_replay(commands: Any) -> None:
         commands,
         "replay",
         "run captured traffic through the same pipeline, as fast as the machine can",
-        "Writes nav.csv, innovations.csv, calibration.csv and summary.json. "
+        "Writes nav.csv, innovations.csv, calibration.csv, residuals.csv and summary.json. "
         "The same input gives the same output.",
     )
     parser.add_argument(
@@ -171,6 +172,19 @@ def _add_replay(commands: Any) -> None:
         choices=["auto", "pcap", "pcapng"],
         default="auto",
         help="what the captures are (default: auto, by their first bytes)",
+    )
+    parser.add_argument(
+        "--filters",
+        type=_filters,
+        default=[],
+        metavar="NAME,...",
+        help="error definitions to run side by side, each into OUT/NAME: "
+        f"{', '.join(FILTERS)} (default: the configured one, into OUT)",
+    )
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="make each solution from all measurements, the later ones too",
     )
     _add_json(parser, "the summary")
 
@@ -276,6 +290,14 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
 
 def _add_json(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("--json", action="store_true", help=f"print {what} as JSON")
+
+
+def _filters(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in FILTERS:
+            raise argparse.ArgumentTypeError(f"{name!r} is none of {', '.join(FILTERS)}")
+    return list(dict.fromkeys(names))
 
 
 def _positive(text: str) -> float:

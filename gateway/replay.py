@@ -1,17 +1,21 @@
 """Captured traffic through the same intake and estimator as the daemon's, as fast as they go."""
 
+import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from drivers.capture.files import CaptureError
 from drivers.capture.streams import CaptureCounts, Payload, read_streams
 from gateway.config import Config
 from gateway.errors import UsblnavError
-from gateway.estimator import Estimator
+from gateway.fusion.initial import initial_state
+from gateway.fusion.report import calibration, calibration_covariance
 from gateway.ingest import Intake, intakes
 from gateway.messages import (
     Calibration,
@@ -20,6 +24,7 @@ from gateway.messages import (
     Measurement,
     NavSolution,
 )
+from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 
@@ -28,10 +33,30 @@ CHUNKS_PER_BLOCK = 64
 depend on it."""
 
 
+LOOSE = "loose"
+"""In place of an error definition: the configured one, with fixes as positions."""
+
+
 def run(
-    captures: list[Path], config: Config, *, out: Path, rate_hz: float, origin: str = "auto"
+    captures: list[Path],
+    config: Config,
+    *,
+    out: Path,
+    rate_hz: float,
+    origin: str = "auto",
+    filters: Sequence[str] = (),
+    smooth: bool = False,
 ) -> dict[str, Any]:
     """Replay captures into the files of `out`; give the summary that is written there.
+
+    Parameters
+    ----------
+    filters
+        Error definitions (or `LOOSE`) to run side by side on the same input. With more than one,
+        each writes into a folder of its name, and what is given back is
+        ``{"filters": {name: summary}}``; with none, the configured one runs.
+    smooth
+        Whether every solution is made from all measurements, the later ones too.
 
     Raises
     ------
@@ -41,19 +66,27 @@ def run(
     """
     begun = time.perf_counter()
     devices = intakes(config)
-    estimator = Estimator(config, rate_hz)
     counts = CaptureCounts()
     links = {name: device.link for name, device in config.devices.items()}
-    last: Calibration | None = None
     traffic = _Traffic(read_streams(captures, links, counts))
-    with ReplayFiles(out) as files:
+    with ExitStack() as stack:
+        runs = {
+            name: _Run(
+                chosen(config, name),
+                stack.enter_context(ReplayFiles(out / name if len(filters) > 1 else out)),
+                rate_hz,
+                smooth,
+            )
+            for name in filters or (config.filter.error,)
+        }
         for measurement in _measurements(traffic, devices):
-            for output in estimator.feed(measurement):
-                _write(files, output)
-                last = output if isinstance(output, Calibration) else last
-        ran_s = time.perf_counter() - begun
-        summary = _summary(estimator, devices, counts, last, traffic.seconds, ran_s)
-        files.summary(summary)
+            for one in runs.values():
+                one.take(measurement)
+        common = {
+            "devices": {name: _device(intake) for name, intake in devices.items()},
+            "capture": msgspec.to_builtins(counts),
+        }
+        summaries = {n: one.close(common, traffic.seconds, begun) for n, one in runs.items()}
     if traffic.fault is not None:
         raise UsblnavError(str(traffic.fault)) from traffic.fault
     if not counts.selected:
@@ -61,7 +94,98 @@ def run(
             f"{', '.join(map(str, captures))}: no packet for any device of the configuration"
             f" ({counts.packets} packets read)"
         )
-    return summary
+    return {"filters": summaries} if len(filters) > 1 else next(iter(summaries.values()))
+
+
+def chosen(config: Config, name: str) -> Config:
+    """The configuration with another filter."""
+    what = {"coupling": "loose"} if name == LOOSE else {"error": name, "coupling": "tight"}
+    block = msgspec.structs.replace(config.filter, **what)
+    return msgspec.structs.replace(config, filter=block)
+
+
+class _Run:
+    """One filter on the traffic, the files it fills and what it amounts to."""
+
+    def __init__(self, config: Config, files: ReplayFiles, rate_hz: float, smooth: bool) -> None:
+        self._config = config
+        self._files = files
+        self._pass = (SmoothedPass if smooth else ForwardPass)(config, rate_hz)
+        self._smooth = smooth
+        self._calibration: Calibration | None = None
+        self._solution: NavSolution | None = None
+        self._nis: list[tuple[float, int]] = []
+
+    def take(self, measurement: Measurement) -> None:
+        """Take the next measurement."""
+        for output in self._pass.feed(measurement):
+            self._write(output)
+
+    def close(self, common: dict[str, Any], seconds: float, begun: float) -> dict[str, Any]:
+        """Write what remains; give the summary."""
+        for output in self._pass.finish():
+            self._write(output)
+        for row in self._pass.residuals():
+            self._files.residual(row.t_ns, row[1:4], row[4:])
+        last = self._pass.last()
+        if last is not None:
+            names, P = calibration_covariance(last)
+            self._files.covariance(names, P.tolist())
+        self._files.config(self._config)
+        ran_s = time.perf_counter() - begun
+        summary = common | {
+            "filter": self._filter(),
+            "final_sigma": _final_sigma(self._solution),
+            "calibration": self._constants(),
+            "duration_s": round(seconds, 3),
+            "run_time_s": round(ran_s, 3),
+            "real_time_factor": round(seconds / ran_s, 1),
+        }
+        self._files.summary(summary)
+        return summary
+
+    def _write(self, output: FilterOutput) -> None:
+        """Put an output where it belongs; packet times are Unix times already."""
+        if isinstance(output, NavSolution):
+            self._solution = output
+            self._files.nav(nav_report(output, 0))
+        elif isinstance(output, Innovation):
+            if output.accepted and math.isfinite(output.nis):
+                self._nis.append((output.nis, len(output.components)))
+            self._files.innovation(innovation_report(output, 0))
+        elif isinstance(output, Calibration):
+            self._calibration = output
+            self._files.calibration(calibration_report(output, 0))
+
+    def _filter(self) -> dict[str, Any]:
+        """Which filter it was, its totals, and whether its innovations were as it said."""
+        totals, block = self._pass.counts(), self._config.filter
+        nis, rows = np.mean(self._nis, axis=0) if self._nis else (math.nan, math.nan)
+        return {
+            "error": block.error,
+            "coupling": block.coupling,
+            "smoothed": self._smooth,
+            "imu_samples": totals.imu_samples,
+            "fixes_used": totals.fixes_used,
+            "gated": totals.fixes_gated,
+            "late": totals.fixes_late,
+            "too_late": totals.fixes_too_late,
+            "duplicate": totals.fixes_duplicate,
+            "resets": totals.resets,
+            "mean_nis": _rounded(nis, 4),
+            "expected_nis": _rounded(rows, 4),
+        }
+
+    def _constants(self) -> dict[str, dict[str, float]]:
+        """Final calibration by name, with the sigma that each constant began with."""
+        if self._calibration is None:
+            return {}
+        first = calibration(initial_state(self._config), 0)
+        prior = {c.name: c.sigma for c in first.constants}
+        return {
+            c.name: {"value": c.value, "sigma": c.sigma, "prior": prior[c.name]}
+            for c in self._calibration.constants
+        }
 
 
 class _Traffic:
@@ -104,45 +228,6 @@ def _measurements(payloads: Iterable[Payload], devices: dict[str, Intake]) -> It
         yield from device.flush()
 
 
-def _write(files: ReplayFiles, output: FilterOutput) -> None:
-    """Put an output of the filter where it belongs; packet times are Unix times already."""
-    if isinstance(output, NavSolution):
-        files.nav(nav_report(output, 0))
-    elif isinstance(output, Innovation):
-        files.innovation(innovation_report(output, 0))
-    elif isinstance(output, Calibration):
-        files.calibration(calibration_report(output, 0))
-
-
-def _summary(
-    estimator: Estimator,
-    devices: dict[str, Intake],
-    capture: CaptureCounts,
-    last: Calibration | None,
-    seconds: float,
-    ran_s: float,
-) -> dict[str, Any]:
-    """What summary.json holds."""
-    totals = estimator.counts()
-    return {
-        "devices": {name: _device(intake) for name, intake in devices.items()},
-        "capture": msgspec.to_builtins(capture),
-        "filter": {
-            "imu_samples": totals.imu_samples,
-            "fixes_used": totals.fixes_used,
-            "gated": totals.fixes_gated,
-            "late": totals.fixes_late,
-            "too_late": totals.fixes_too_late,
-            "duplicate": totals.fixes_duplicate,
-            "resets": totals.resets,
-        },
-        "calibration": _constants(last),
-        "duration_s": round(seconds, 3),
-        "run_time_s": round(ran_s, 3),
-        "real_time_factor": round(seconds / ran_s, 1),
-    }
-
-
 def _device(intake: Intake) -> dict[str, Any]:
     """Counts of one device."""
     counts = intake.counts
@@ -158,8 +243,18 @@ def _device(intake: Intake) -> dict[str, Any]:
     }
 
 
-def _constants(last: Calibration | None) -> dict[str, dict[str, float]]:
-    """Final calibration by name."""
+def _final_sigma(last: NavSolution | None) -> dict[str, float]:
+    """How sure the last solution was."""
     if last is None:
         return {}
-    return {c.name: {"value": c.value, "sigma": c.sigma} for c in last.constants}
+    (n, e, d), (_, _, heading) = last.sd_position, last.sd_attitude
+    return {
+        "horizontal_m": round(math.hypot(n, e), 4),
+        "vertical_m": round(d, 4),
+        "heading_deg": round(math.degrees(heading), 5),
+    }
+
+
+def _rounded(number: float, decimals: int) -> float | None:
+    """A number as JSON can say it."""
+    return round(float(number), decimals) if math.isfinite(number) else None

@@ -23,14 +23,45 @@ def run(arguments: Namespace) -> int:
         out=arguments.out,
         rate_hz=arguments.rate,
         origin=arguments.origin,
+        filters=arguments.filters,
+        smooth=arguments.smooth,
     )
     if arguments.json:
         print(json.dumps(summary, indent=2))
+    elif "filters" in summary:
+        for line in _comparison(summary["filters"]):
+            print(line)
+        print(f"results in {', '.join(str(arguments.out / name) for name in summary['filters'])}")
     else:
         for line in _lines(summary):
             print(line)
         print(f"results in {arguments.out}")
     return 0
+
+
+def _comparison(summaries: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """A row for each filter; NIS beside what a consistent filter has in the mean."""
+    yield (
+        f"{'filter':16}{'used':>8}{'refused':>9}{'mean NIS':>10}{'expected':>10}"
+        f"{'sd horiz.':>12}{'sd vert.':>11}{'sd heading':>14}"
+    )
+    for name, summary in summaries.items():
+        counts, sigma = summary["filter"], summary["final_sigma"]
+        refused = counts["gated"] + counts["too_late"]
+        nis = "".join(
+            f"{'-' if counts[key] is None else f'{counts[key]:.2f}':>10}"
+            for key in ("mean_nis", "expected_nis")
+        )
+        units = (
+            ("horizontal_m", ".3f", " m"),
+            ("vertical_m", ".3f", " m"),
+            ("heading_deg", ".4f", " deg"),
+        )
+        sds = [f"{sigma[key]:{form}}{unit}" if sigma else "-" for key, form, unit in units]
+        yield (
+            f"{name:16}{counts['fixes_used']:8d}{refused:9d}{nis}"
+            f"{sds[0]:>12}{sds[1]:>11}{sds[2]:>14}"
+        )
 
 
 def _lines(block: dict[str, Any], indent: str = "") -> Iterator[str]:

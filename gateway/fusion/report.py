@@ -71,6 +71,30 @@ def calibration(state: State, t_ns: int) -> Calibration:
     )
 
 
+def calibration_covariance(state: State) -> tuple[list[str], Array]:
+    """Names and covariance of the estimated constants and of roll, pitch and heading.
+
+    The attitude is there because it is what a mounting angle is most easily taken for.
+
+    Returns
+    -------
+    names, P
+        n names with their units at the end, (n, n) in the products of these units.
+    """
+    C = C_en(*ecef_to_lla(state.r_e)[:2])
+    _, pitch, heading = (float(v) for v in euler_from_C(C.T @ state.C_eb))
+    constants = [_CONSTANTS[i] for i in state.columns[BG.start :] - BG.start]
+    A = np.zeros((3 + len(constants), len(state.P)))
+    A[:3, ATT] = np.degrees(np.linalg.inv(euler_error_map(pitch, heading)) @ C.T)
+    A[3:, BG.start :] = np.diag([1.0 / unit for _, unit in constants])
+    return [
+        "roll_deg",
+        "pitch_deg",
+        "heading_deg",
+        *(name for name, _ in constants),
+    ], A @ state.P @ A.T
+
+
 def _vec3(a: Array) -> Vec3:
     return float(a[0]), float(a[1]), float(a[2])
 

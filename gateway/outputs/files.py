@@ -1,4 +1,4 @@
-"""The files of a replay: nav.csv, innovations.csv, calibration.csv and summary.json.
+"""The files of a replay: its tables, its summary and the configuration it ran with.
 
 Every number is written with fixed decimals, times from whole nanoseconds, so that the same input
 gives the same bytes.
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import msgspec
+import yaml
 
 from gateway.errors import UsblnavError
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
@@ -39,6 +40,7 @@ NAV_DECIMALS = {
 NAV_HEADER = ",".join(("t_s", *NAV_DECIMALS, "mode"))
 INNOVATION_HEADER = "t_s,device,beacon,component,value,sigma,nis,accepted,reason"
 CALIBRATION_HEADER = "t_s,name,value,sigma"
+RESIDUAL_HEADER = "t_s,device,beacon,component,before,after,sigma"
 
 
 class ReplayFiles:
@@ -65,6 +67,7 @@ class ReplayFiles:
             self._nav = self._table(stack, "nav.csv", NAV_HEADER)
             self._innovations = self._table(stack, "innovations.csv", INNOVATION_HEADER)
             self._calibration = self._table(stack, "calibration.csv", CALIBRATION_HEADER)
+            self._residuals = self._table(stack, "residuals.csv", RESIDUAL_HEADER)
             self._stack = stack.pop_all()
         return self
 
@@ -90,6 +93,23 @@ class ReplayFiles:
         time = seconds(report.utc_ns)
         for name, c in report.constants.items():
             self._calibration.add([time, name, f"{c.value:.9f}", f"{c.sigma:.9f}"])
+
+    def residual(self, utc_ns: int, source: Sequence[str], numbers: Sequence[float]) -> None:
+        """Add a row to residuals.csv: device, beacon, component; before, after, sigma."""
+        self._residuals.add([seconds(utc_ns), *source, *(f"{number:.6f}" for number in numbers)])
+
+    def covariance(self, names: Sequence[str], covariance: Sequence[Sequence[float]]) -> None:
+        """Write calibration_covariance.csv: a row and a column for each name, its unit squared."""
+        table = _Table(self._folder / "calibration_covariance.csv", ",".join(["name", *names]))
+        for name, row in zip(names, covariance, strict=True):
+            table.add([name, *(f"{number:.9e}" for number in row)])
+        table.close()
+
+    def config(self, config: msgspec.Struct) -> None:
+        """Write config.yaml, every default spelled out."""
+        path = self._folder / "config.yaml"
+        with _naming(path):
+            path.write_text(yaml.safe_dump(msgspec.to_builtins(config), sort_keys=False))
 
     def summary(self, summary: msgspec.Struct | dict[str, Any]) -> None:
         """Write summary.json."""

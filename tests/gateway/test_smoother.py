@@ -88,7 +88,7 @@ def score(seed, definition="right_invariant"):
 
 
 def bounds(runs, dof=21, inside=0.99):
-    """Chi-squared bounds of the mean NEES of a degree of freedom; the epochs of a run count once."""
+    """Chi-squared bounds of the mean NEES of a degree of freedom; a run's epochs count as one."""
     tails = np.array([(1 - inside) / 2, (1 + inside) / 2])
     return scipy.stats.chi2.ppf(tails, runs * dof) / (runs * dof)
 
