@@ -4,7 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from tests.bench import live, replayed, steps
+from tests.bench import against_c, live, replayed, starting, steps
 
 
 def main() -> None:
@@ -13,13 +13,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         source = replayed.source(Path(folder))
         os.sched_setaffinity(0, {min(cores)})
-        rows = [*replayed.measure(source, Path(folder)), *steps.measure(source)]
+        rows = [
+            *replayed.measure(source, Path(folder)),
+            *steps.measure(source),
+            *against_c.measure(),
+        ]
         os.sched_setaffinity(0, cores)
-        rows += live.measure(source)
+        rows += [*live.measure(source), *starting.measure(source)]
     print(f"{source.name}, {len(cores)} cores, load {os.getloadavg()[0]:.1f}")
     width = max(len(name) for name, _, _ in rows)
     for name, value, unit in rows:
-        print(f"{name:{width}}  {value:9.1f} {unit}")
+        print(f"{name:{width}}  {value:9.2f} {unit}")
 
 
 if __name__ == "__main__":
