@@ -11,6 +11,9 @@ from gateway.errors import UsblnavError
 if TYPE_CHECKING:
     from gateway.studies.table import Study
 
+_WIDTH = 100
+"""Columns that no row of a table needs more of, for a pipe and for a narrow terminal."""
+
 
 def run(arguments: Namespace) -> int:
     """Make the runs, print the table, and write it with its figures if a folder is given."""
@@ -46,5 +49,6 @@ def _write(study: "Study", text: str, out: Path) -> None:
 def _print(study: "Study", seconds: float) -> None:
     from rich.console import Console
 
-    Console(soft_wrap=True).print(study.shown())
+    console = Console()
+    console.print(study.shown(), width=max(console.width, _WIDTH), crop=False)
     print(f"{study.runs} runs in {seconds:g} s")

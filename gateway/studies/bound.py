@@ -8,7 +8,7 @@ from gateway.studies.passage import Passage, configured, sail
 from gateway.studies.voyage import Voyage
 
 
-def along_truth(voyage: Voyage, **choices: str) -> Passage:
+def along_truth(voyage: Voyage, **choices: str | float) -> Passage:
     """A passage without errors: ``sigma_n`` is the bound of each error at each epoch."""
     perfect = errors.without(voyage)
     return sail(voyage, perfect, configured(voyage.config, perfect, **choices))

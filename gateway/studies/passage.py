@@ -1,6 +1,7 @@
 """One filter over one run: the solution against the truth, second by second."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -18,6 +19,9 @@ from gateway.studies.voyage import EPOCH_S, Voyage
 from gateway.timeline import Timeline
 
 Array = NDArray[np.float64]
+
+Choices = Mapping[str, str | float]
+"""Keys of the configuration's filter block with other values."""
 
 NEES_EVERY = 10
 """Epochs from one NEES to the next."""
@@ -49,7 +53,7 @@ class Passage:
     dof: Array
 
 
-def configured(config: Config, first: Measured, **choices: str) -> Filter:
+def configured(config: Config, first: Measured, **choices: str | float) -> Filter:
     """The filter of a configuration with some of its choices replaced, at a run's first state."""
     chosen = msgspec.structs.replace(
         config, filter=msgspec.structs.replace(config.filter, **choices), initial=first.initial

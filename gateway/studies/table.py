@@ -54,7 +54,9 @@ class Study:
 
     def shown(self) -> Table:
         """The study as a table for a terminal."""
-        table = Table("", "published", "attained", "95 % bounds", "unit", title=self.name)
+        table = Table(title=self.name)
+        for column in ("", "published", "attained", "95 % bounds", "unit"):
+            table.add_column(column, no_wrap=True)
         for row in self.rows:
             value, low, high = (f"{x:.4g}" for x in row.attained)
             published = "" if row.published is None else f"{row.published:g}"
