@@ -72,7 +72,7 @@ def run(
     with ExitStack() as stack:
         runs = {
             name: _Run(
-                chosen(config, name),
+                chosen(config, name) if filters else config,
                 stack.enter_context(ReplayFiles(out / name if len(filters) > 1 else out)),
                 rate_hz,
                 smooth,
