@@ -93,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_codecs(commands)
     _add_decode(commands)
+    _add_calibrate(commands)
     _add_study(commands)
     return parser
 
@@ -257,6 +258,25 @@ def _add_decode(commands: Any) -> None:
         "--hex", action="store_true", help="the input is hexadecimal text; white space is ignored"
     )
     parser.add_argument("file", metavar="FILE", help="file or device to read; - for standard input")
+
+
+def _add_calibrate(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "calibrate",
+        "what a replay says about the acoustic array, and what it cannot tell",
+        "Prints mounting, offsets, sound speed, lever arm and latency with their sigmas; writes "
+        "them, figures and the part of config.yaml to change into OUT/calibrate. Best after "
+        "`usblnav replay --smooth`.",
+    )
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder that a replay wrote")
+    parser.add_argument(
+        "--figures",
+        choices=["png", "svg", "none"],
+        default="png",
+        help="what the figures are written as (default: png)",
+    )
+    _add_json(parser, "the findings")
 
 
 def _add_study(commands: Any) -> None:
