@@ -49,6 +49,5 @@ def _write(study: "Study", text: str, out: Path) -> None:
 def _print(study: "Study", seconds: float) -> None:
     from rich.console import Console
 
-    console = Console()
-    console.print(study.shown(), width=max(console.width, _WIDTH), crop=False)
+    Console(width=max(Console().width, _WIDTH)).print(study.shown())
     print(f"{study.runs} runs in {seconds:g} s")

@@ -87,12 +87,13 @@ def weak(of: Voyage) -> Voyage:
     sigma = msgspec.structs.replace(
         scenario.initial.sigma, position_m=(100.0, 100.0, 100.0), velocity_m_s=1.0
     )
-    return voyage.make(
+    return voyage.refit(
+        of,
         msgspec.structs.replace(
             scenario,
             beacons={"1": scenario.beacons["1"]},
             initial=msgspec.structs.replace(scenario.initial, sigma=sigma),
-        )
+        ),
     )
 
 

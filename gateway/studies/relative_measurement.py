@@ -101,7 +101,7 @@ def only_white(both: Voyage) -> Voyage:
         model.prior, bearing_deg=0.0, elevation_deg=0.0, range_scale=0.0
     )
     devices = both.scenario.devices | {name: msgspec.structs.replace(model, prior=white)}
-    return voyage.make(msgspec.structs.replace(both.scenario, devices=devices))
+    return voyage.refit(both, msgspec.structs.replace(both.scenario, devices=devices))
 
 
 def one(of: Voyage, seed: int) -> Run:

@@ -3,7 +3,7 @@
 Every ping is answered by all beacons, as in the seeds; the emulator's own player asks them in turn.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -111,6 +111,17 @@ def make(scenario: Scenario) -> Voyage:
         rows=rows,
         replies=_replies(scenario, trajectory),
         truth=_truth(trajectory, np.arange(0.0, scenario.duration_s + 1e-9, EPOCH_S)),
+    )
+
+
+def refit(of: Voyage, scenario: Scenario) -> Voyage:
+    """The same motion and IMU rate with another scenario's array, beacons or first state."""
+    trajectory = Trajectory(scenario.trajectory, scenario.duration_s)
+    return replace(
+        of,
+        scenario=scenario,
+        config=_config(scenario),
+        replies=_replies(scenario, trajectory),
     )
 
 
