@@ -5,6 +5,7 @@ a replay gives what the live run gave.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,9 @@ class Estimator:
     resume
         Where an earlier process left off; None begins at the configured initial state, or with
         finding the attitude where `initial.align` says so.
+    away
+        Whether time was lost since (see `gateway.fusion.restart.inflate`): then the attitude is
+        found anew where `initial.align` says how.
     engine
         Makes the filter from its model and memory: one that also takes notes, for a replay.
     """
@@ -54,6 +58,7 @@ class Estimator:
         rate_hz: float,
         resume: Checkpoint | None = None,
         engine: Callable[[Model, Memory], Filter] = Filter,
+        away: bool = False,
     ) -> None:
         self._config = config
         self._engine = engine
@@ -66,8 +71,11 @@ class Estimator:
         self._received = 0
         self._sound = initial.initial_state(config)
         self._begin(Memory(self._sound.copy()) if resume is None else _memory(resume))
-        aligns = resume is None and config.initial.align is not None
-        self._start = Start(config) if aligns else None
+        self._start: Start | None = None
+        if config.initial.align is not None and (resume is None or away):
+            self._start = Start(
+                config, None if resume is None else self._filter.memory.state.copy()
+            )
         if resume is not None:
             self._t_last_ns = resume.t_ns
             self._second = resume.t_ns // CALIBRATION_PERIOD_NS
@@ -131,7 +139,7 @@ class Estimator:
             if start.state is None:
                 return
             self._start, self._sound = None, start.state
-            self._begin(Memory(start.state.copy()))
+            self._begin(replace(self._filter.memory, state=start.state.copy()))
             for fix in start.fixes:
                 yield from self._feed_fix(fix)
             t_ns, rows = start.samples

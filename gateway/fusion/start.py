@@ -12,13 +12,20 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.fusion import align
-from gateway.fusion.initial import DEG_H, UG, attitude_deg, initial_state, model, noise_densities
+from gateway.fusion.initial import (
+    ANY_HEADING_SD_DEG,
+    attitude_deg,
+    initial_state,
+    model,
+    noise_densities,
+)
+from gateway.fusion.restart import forget
 from gateway.fusion.sighting_heading import agreed, seen_heading
-from gateway.fusion.state import ATT, POS, VEL, State
+from gateway.fusion.state import ATT, BA, BG, VEL, State
 from gateway.messages import Component, Fix, Innovation
 from gateway.nav import strapdown as sd
 from gateway.nav.attitude import euler_from_C
-from gateway.nav.earth import C_en
+from gateway.nav.earth import C_en, ecef_to_lla
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -31,6 +38,13 @@ class Start:
 
     A window whose motion leaves the attitude too uncertain is refused and the next one tried.
 
+    Parameters
+    ----------
+    prior
+        What is known but for the attitude, at the first sample: a state taken up again. Without it,
+        what the configuration says; with it, a heading of the configuration is out of date and is
+        found like one that is unknown.
+
     Attributes
     ----------
     state
@@ -39,25 +53,22 @@ class Start:
         What came meanwhile, in the order of arrival.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, prior: State | None = None) -> None:
         assert config.initial.align is not None
         self.state: State | None = None
         self.fixes: list[Fix] = []
         self._choice = config.initial.align
         self._device, imu = config.imu
-        self._prior = initial_state(config)
+        self._prior = initial_state(config) if prior is None else prior
         self._model = model(config)
-        first = config.initial
-        self._site = align.Site(
-            float(np.radians(first.lat_deg)),
-            first.height_m,
-            np.asarray(first.velocity_ned_m_s),
-            first.sigma.velocity_m_s,
-        )
+        self._site = _site(self._prior)
         q = np.sqrt(noise_densities(imu.noise))
-        biases = imu.noise.gyro_bias_deg_h * DEG_H, imu.noise.accel_bias_ug * UG
+        biases = [math.sqrt(np.trace(self._prior.P[b, b]) / 3.0) for b in (BG, BA)]
         self._grade = align.Grade(float(q[0]), float(q[1]), *biases)
-        self._heading, self._heading_sd = (math.radians(a[2]) for a in attitude_deg(first))
+        self._heading_is_known = self._choice.heading == "config" and prior is None
+        self._heading, self._heading_sd = (math.radians(a[2]) for a in attitude_deg(config.initial))
+        if not self._heading_is_known:
+            self._heading, self._heading_sd = 0.0, math.radians(ANY_HEADING_SD_DEG)
         compass = self._choice.heading == "gyrocompass"
         self._span_ns = round(
             1e9 * (self._choice.gyrocompass_s if compass else self._choice.level_s)
@@ -94,13 +105,10 @@ class Start:
         return self._t[0], self._rows[0]
 
     def waiting(self, t_ns: int) -> State:
-        """What is known without an attitude: the configured place and velocity, some time on."""
-        state, P = self._prior.copy(), self._prior.P
-        dt = 0.0 if self._t_first_ns is None else (t_ns - self._t_first_ns) * 1e-9
-        state.r_e[:] += state.v_eb_e * dt
-        state.P[POS, POS] += P[VEL, VEL] * dt**2
-        state.P[POS, VEL] += P[VEL, VEL] * dt
-        state.P[VEL, POS] += P[VEL, VEL] * dt
+        """What is known without an attitude: the place and velocity before, some time unseen."""
+        state = self._prior.copy()
+        if self._t_first_ns is not None:
+            forget(state.x, state.P, max(0.0, (t_ns - self._t_first_ns) * 1e-9))
         return state
 
     def _begins(self) -> int:
@@ -109,12 +117,14 @@ class Start:
 
     def _judge(self, t_ns: Times, rows: Array) -> tuple[Innovation, align.Found]:
         """What a window gives, and whether that will do."""
-        unseen = False
-        if self._choice.heading == "gyrocompass":
+        rows = self._unbiased(rows)
+        by_compass, unseen = self._choice.heading == "gyrocompass", False
+        if by_compass:
             found = align.gyrocompass(rows, self._site, self._grade)
         else:
             found = self._level(rows, self._heading)
-        if self._choice.heading == "unknown" and not found.refusal and self._model.arrays:
+        to_see = not by_compass and not self._heading_is_known and bool(self._model.arrays)
+        if to_see and not found.refusal:
             seen = self._seen(t_ns, rows, found)
             unseen = seen is None
             found = found if seen is None else self._level(rows, seen)
@@ -128,6 +138,12 @@ class Start:
         )
         t_begin, nan = self._begins(), float("nan")
         return Innovation(t_begin, self._device, "", components, nan, not reason, reason), found
+
+    def _unbiased(self, rows: Array) -> Array:
+        """Samples without the biases that are known."""
+        rows = rows.copy()
+        rows[:, 1:7] -= rows[:, :1] * self._prior.x[sd.B_G.start : sd.B_A.stop]
+        return rows
 
     def _level(self, rows: Array, heading: float) -> align.Found:
         """Level of a window begun on a heading."""
@@ -156,12 +172,11 @@ class Start:
     def _first_state(self, found: align.Found) -> State:
         """State at the window's beginning, its attitude error tied to the biases'.  # (M.133)"""
         state = self.waiting(self._begins())
-        lat, lon = self._site.lat, np.arctan2(state.r_e[1], state.r_e[0])
+        lat, lon, _ = ecef_to_lla(state.r_e)
         C, P = C_en(lat, lon), state.P
         state.x[sd.C_EB] = state.x[sd.CHAIN] = (C @ found.C_nb).ravel()
         J = C @ np.hstack([found.by_gyro, found.by_accel])
-        P[ATT, :] = 0.0
-        P[ATT, _BIASES] = J @ P[_BIASES, _BIASES]
+        P[ATT, :] = J @ P[_BIASES, :]
         P[:, ATT] = P[ATT, :].T
         P[ATT, ATT] = J @ P[_BIASES, _BIASES] @ J.T + C @ found.noise @ C.T
         P[VEL, VEL] += C @ np.diag(found.sway_v**2) @ C.T
@@ -174,3 +189,10 @@ class Start:
         for fix in sorted(stale, key=lambda fix: fix.t_ns):
             beacon = getattr(fix, "beacon", "")
             yield Innovation(fix.t_ns, fix.device, beacon, (), float("nan"), False, "aligning")
+
+
+def _site(prior: State) -> align.Site:
+    """Place and mean velocity of the vehicle while it aligns."""
+    lat, lon, h = (float(v) for v in ecef_to_lla(prior.r_e))
+    sigma_v = math.sqrt(float(np.trace(prior.P[VEL, VEL])) / 3.0)
+    return align.Site(lat, h, C_en(lat, lon).T @ prior.v_eb_e, sigma_v)

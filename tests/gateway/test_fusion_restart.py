@@ -1,0 +1,144 @@
+"""A saved state after a time away: the model against an integrated one, a filter against truth."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.stats import chi2
+
+from gateway.estimator import Estimator
+from gateway.fusion.initial import noise_densities
+from gateway.fusion.restart import WANDER_M_S, WANDER_S, inflate
+from gateway.fusion.state import ATT, BG, N_MEAN, POS, VEL
+from gateway.messages import Checkpoint, NavSolution
+from gateway.modes import Mode
+from gateway.nav import strapdown as sd
+from gateway.nav.earth import C_en, lla_to_ecef
+from tests.gateway.test_estimator_start import MOWING, aligning, scenario
+from tests.gateway.voyages import Voyage
+
+Q = np.array([1e-12, 1e-8, 1e-20, 1e-14])
+
+
+def saved(P: np.ndarray, v_e: np.ndarray) -> Checkpoint:
+    x = np.zeros(N_MEAN)
+    x[sd.C_EB] = np.eye(3).ravel()
+    x[sd.V_EB_E] = v_e
+    x[sd.R_E] = lla_to_ecef(0.7, 2.0, 0.0)
+    x[sd.LAST] = 1.0
+    columns = np.arange(len(P)).tobytes()
+    return Checkpoint(5, 7, x.tobytes(), P.tobytes(), columns, 3, 2, 1, 4)
+
+
+def opened(checkpoint: Checkpoint) -> tuple[np.ndarray, np.ndarray]:
+    n = len(checkpoint.columns) // 8
+    return np.frombuffer(checkpoint.x), np.frombuffer(checkpoint.P).reshape(n, n)
+
+
+def random_covariance(rng: np.random.Generator, n: int = 21) -> np.ndarray:
+    A = rng.normal(0.0, 1.0, (n, n)) * 1e-2
+    return A @ A.T
+
+
+def test_no_time_away_changes_nothing_but_what_only_the_next_sample_knows():
+    P = random_covariance(np.random.default_rng(1))
+    x, P_after = opened(inflate(saved(P, np.array([1.0, 2.0, 0.5])), 0.0, Q))
+    before, _ = opened(saved(P, np.array([1.0, 2.0, 0.5])))
+    np.testing.assert_allclose(P_after, P, atol=1e-16)
+    assert x[: sd.LAST.start].tolist() == before[: sd.LAST.start].tolist()
+    assert not x[sd.LAST].any()
+
+
+@pytest.mark.parametrize("away_s", [1e-3, 2.0, 60.0, 300.0])
+def test_position_and_velocity_are_those_of_an_integrated_gauss_markov_velocity(away_s):
+    """Van Loan's matrix exponential gives transition and noise at once."""
+    P = random_covariance(np.random.default_rng(2))
+    v = np.array([0.5, -0.5, 0.1])
+    A = np.array([[-1.0 / WANDER_S, 0.0], [1.0, 0.0]])
+    G = np.diag([2.0 * WANDER_M_S**2 / WANDER_S, 0.0])
+    M = expm(np.block([[-A, G], [np.zeros((2, 2)), A.T]]) * away_s)
+    Phi = M[2:, 2:].T
+    Qd = Phi @ M[:2, 2:]
+    x, P_after = opened(inflate(saved(P, v), away_s, Q))
+    start, _ = opened(saved(P, v))
+    np.testing.assert_allclose(x[sd.V_EB_E], Phi[0, 0] * v, rtol=1e-9)
+    np.testing.assert_allclose(x[sd.R_E] - start[sd.R_E], Phi[1, 0] * v, atol=1e-8)
+    for axis in range(3):
+        both = [VEL.start + axis, POS.start + axis]
+        expected = Phi @ P[np.ix_(both, both)] @ Phi.T + Qd
+        np.testing.assert_allclose(P_after[np.ix_(both, both)], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_a_long_time_forgets_the_heading_and_keeps_the_instruments():
+    P = random_covariance(np.random.default_rng(3))
+    away_s = 30 * 86400.0
+    _, P_after = opened(inflate(saved(P, np.zeros(3)), away_s, Q))
+    C = C_en(0.7, 2.0)
+    added = C.T @ (P_after - P)[ATT, ATT] @ C
+    assert math.degrees(math.sqrt(added[2, 2])) == pytest.approx(180.0 / math.sqrt(3.0))
+    assert math.degrees(math.sqrt(added[0, 0])) == pytest.approx(5.0)
+    np.testing.assert_allclose(P_after[BG, BG] - P[BG, BG], np.eye(3) * Q[2] * away_s, atol=1e-16)
+    np.testing.assert_array_equal(P_after[15:, 15:], P[15:, 15:])
+    assert np.linalg.eigvalsh(P_after).min() > 0.0
+
+
+def test_nothing_is_claimed_until_a_fix_is_used():
+    after = inflate(saved(random_covariance(np.random.default_rng(4)), np.zeros(3)), 2.5, Q)
+    assert (after.t_ns, after.received, after.t_used_ns) == (2_500_000_005, 0, None)
+    assert (after.refused_in_a_row, after.used, after.gated) == (0, 3, 2)
+
+
+def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, NavSolution, Voyage]:
+    """A voyage whose gateway is away from the 60th second on, in a turn for the most part.
+
+    Gives the normalised square of the first position's error after it, and the last solution.
+    """
+    voyage = Voyage(scenario(MOWING, 300 + seed, 60.0 + away_s + 150.0))
+    config = aligning(voyage, heading="config", level_s=10)
+    arrivals = list(voyage.arrivals(0.5, 0.5))
+    first, checkpoint = Estimator(config, 1.0), None
+    t_cut = voyage.t_ns[0] + 60e9
+    for measurement in (m for m in arrivals if _time(m) < t_cut):
+        for output in first.feed(measurement):
+            checkpoint = output if isinstance(output, Checkpoint) else checkpoint
+    assert checkpoint is not None
+    t_back = t_cut + away_s * 1e9
+    gone_s = (t_back - checkpoint.t_ns) * 1e-9
+    q = noise_densities(config.imu[1].noise)
+    again = inflate(checkpoint, gone_s if inflated else 0.0, q)
+    second = Estimator(config, 1.0, msgspec.structs.replace(again, t_ns=int(t_back)), away=inflated)
+    said = [o for m in arrivals if _time(m) >= t_back for o in second.feed(m)]
+    solutions = [o for o in said if isinstance(o, NavSolution)]
+    at = np.array([(solutions[0].t_ns - voyage.t_ns[0]) * 1e-9 + voyage.t_imu[0]])
+    truth, s = voyage.truth.geodetic(at), solutions[0]
+    north = (s.lat - truth.lat[0]) * 6.36e6
+    east = (s.lon - truth.lon[0]) * 6.38e6 * math.cos(s.lat)
+    S = np.array([[s.sd_position[0] ** 2, s.cov_ne], [s.cov_ne, s.sd_position[1] ** 2]])
+    d = np.array([north, east])
+    return float(d @ np.linalg.solve(S, d)), solutions[-1], voyage
+
+
+def _time(measurement) -> int:
+    t = measurement.t_ns
+    return int(np.frombuffer(t, dtype=np.int64)[-1]) if isinstance(t, bytes) else t
+
+
+def test_a_vehicle_that_turned_unseen_is_found_again():
+    squares = []
+    for seed in range(4):
+        square, last, voyage = taken_up(seed, 20.0, inflated=True)
+        squares.append(square)
+        truth = voyage.truth.geodetic(
+            np.array([(last.t_ns - voyage.t_ns[0]) * 1e-9 + voyage.t_imu[0]])
+        )
+        heading = (last.heading - truth.heading[0] + math.pi) % (2 * math.pi) - math.pi
+        assert last.mode is Mode.AIDED
+        assert abs(math.degrees(heading)) < 2.0
+        assert abs(heading) < 3.5 * last.sd_attitude[2]
+    assert np.sum(squares) < chi2.ppf(0.999, 2 * len(squares))
+
+
+def test_without_inflation_it_would_claim_what_it_does_not_know():
+    assert taken_up(0, 20.0, inflated=False)[0] > 100.0
