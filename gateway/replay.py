@@ -115,6 +115,7 @@ class _Run:
         self._calibration: Calibration | None = None
         self._solution: NavSolution | None = None
         self._nis: list[tuple[float, int]] = []
+        self._beacons: dict[str, dict[str, Any]] = {}
 
     def take(self, measurement: Measurement) -> None:
         """Take the next measurement."""
@@ -135,6 +136,7 @@ class _Run:
         ran_s = time.perf_counter() - begun
         summary = common | {
             "filter": self._filter(),
+            "beacons": self._beacons,
             "final_sigma": _final_sigma(self._solution),
             "calibration": self._constants(),
             "duration_s": round(seconds, 3),
@@ -152,10 +154,22 @@ class _Run:
         elif isinstance(output, Innovation):
             if output.accepted and math.isfinite(output.nis):
                 self._nis.append((output.nis, len(output.components)))
+            self._count_beacon(output)
             self._files.innovation(innovation_report(output, 0))
         elif isinstance(output, Calibration):
             self._calibration = output
             self._files.calibration(calibration_report(output, 0))
+
+    def _count_beacon(self, verdict: Innovation) -> None:
+        """Count what became of a beacon's fixes; its quality is that of the last one heard."""
+        if not verdict.beacon:
+            return
+        beacon = self._beacons.setdefault(
+            verdict.beacon, {"used": 0, "refused": 0, "quality": None}
+        )
+        beacon["used" if verdict.accepted else "refused"] += 1
+        if verdict.quality is not None:
+            beacon["quality"] = _rounded(verdict.quality, 4)
 
     def _filter(self) -> dict[str, Any]:
         """Which filter it was, its totals, and whether its innovations were as it said."""
