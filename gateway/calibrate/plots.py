@@ -1,9 +1,10 @@
-"""Figures of a calibration: residuals before and after, constants over time, correlations."""
+"""Figures of a calibration: residuals before and after, constants, correlations."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gateway.calibrate.findings import INSEPARABLE, Findings
@@ -19,7 +20,8 @@ def draw(source: Source, findings: Findings, folder: Path, kind: str) -> list[Pa
     if source.residuals:
         figures["residuals"] = lambda: residuals(source, findings)
     if source.history:
-        figures["constants"] = lambda: constants(source, findings)
+        draw_constants = shares if source.smoothed else history
+        figures["constants"] = lambda: draw_constants(source, findings)
     written = []
     for name, make in figures.items():
         path = folder / f"{name}.{kind}"
@@ -44,7 +46,9 @@ def residuals(source: Source, findings: Findings) -> Figure:
         left.plot(row.t_s, row.before, ".", color=_BEFORE, markersize=4, label=before)
         left.plot(row.t_s, row.after, ".", color=_AFTER, markersize=4, label=after)
         left.set_ylabel(_titled(name))
-        left.legend(loc="upper right", fontsize="small", ncols=2)
+        left.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=2, frameon=False
+        )
         _spread(right, row)
     axes[-1][0].set_xlabel("time (s)")
     axes[-1][1].set_xlabel("fixes")
@@ -55,7 +59,25 @@ def residuals(source: Source, findings: Findings) -> Figure:
     return figure
 
 
-def constants(source: Source, findings: Findings) -> Figure:
+def shares(_source: Source, findings: Findings) -> Figure:
+    """What is known of each constant of the array after the run, in sigmas of what was before."""
+    rows = {name: c for name, c in findings.constants.items() if c.prior > 0.0}
+    figure = Figure(figsize=(8, 0.45 * len(rows) + 1.6), layout="constrained")
+    axis = figure.subplots()
+    axis.axvspan(-1.0, 1.0, color=_BAND, zorder=0)
+    axis.axvline(0.0, color="0.6", linewidth=0.8)
+    places = range(len(rows))
+    values = [c.value / c.prior for c in rows.values()]
+    sigmas = [c.sigma / c.prior for c in rows.values()]
+    axis.errorbar(values, places, xerr=sigmas, fmt="o", color=_AFTER, capsize=4)
+    axis.set_yticks(places, [_titled(name) for name in rows])
+    axis.invert_yaxis()
+    axis.set_xlabel("sigmas before the run")
+    axis.set_title(f"{findings.device}: estimates with 1 sigma (grey: 1 sigma before the run)")
+    return figure
+
+
+def history(source: Source, findings: Findings) -> Figure:
     """Each constant of the array with its 1-sigma band over the replay."""
     shown = {n: h for n, h in source.history.items() if n in findings.constants}
     columns = 2 if len(shown) > 1 else 1
@@ -92,7 +114,7 @@ def correlation(findings: Findings) -> Figure:
             value = findings.correlation[i, j]
             if i != j and abs(value) >= 0.1:
                 colour = "white" if abs(value) > 0.6 else "black"
-                axis.text(j, i, f"{value:.1f}", ha="center", va="center", color=colour, size=7)
+                axis.text(j, i, f"{value:.2f}", ha="center", va="center", color=colour, size=6.5)
             if i != j and abs(value) > INSEPARABLE:
                 axis.plot(
                     [j - 0.5, j + 0.5, j + 0.5, j - 0.5, j - 0.5],
@@ -105,14 +127,14 @@ def correlation(findings: Findings) -> Figure:
     return figure
 
 
-def _spread(axis: "object", row: Residuals) -> None:
+def _spread(axis: Axes, row: Residuals) -> None:
     """Histograms turned on their side."""
     both = np.concatenate([row.before, row.after])
     low, high = np.nanpercentile(both, [0.5, 99.5])
     bins = np.linspace(low, high, 30)
     for numbers, colour in ((row.before, _BEFORE), (row.after, _AFTER)):
-        axis.hist(  # type: ignore[attr-defined]
-            numbers, bins=bins, orientation="horizontal", histtype="step", color=colour
+        axis.hist(
+            numbers, bins=bins.tolist(), orientation="horizontal", histtype="step", color=colour
         )
 
 
