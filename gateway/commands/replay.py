@@ -1,6 +1,7 @@
 """`usblnav replay`: captured traffic through the pipeline."""
 
 import json
+import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
@@ -16,16 +17,18 @@ def run(arguments: Namespace) -> int:
     if absent:
         raise ConfigError([f"{capture}: no such file" for capture in absent])
     from gateway import replay  # after the checks: it takes a second to import
+    from gateway.nav.compiled import told_of_compiling
 
-    summary = replay.run(
-        arguments.captures,
-        config,
-        out=arguments.out,
-        rate_hz=arguments.rate,
-        origin=arguments.origin,
-        filters=arguments.filters,
-        smooth=arguments.smooth,
-    )
+    with told_of_compiling(lambda: print("compiling the filter, once", file=sys.stderr)):
+        summary = replay.run(
+            arguments.captures,
+            config,
+            out=arguments.out,
+            rate_hz=arguments.rate,
+            origin=arguments.origin,
+            filters=arguments.filters,
+            smooth=arguments.smooth,
+        )
     if arguments.json:
         print(json.dumps(summary, indent=2))
     elif "filters" in summary:
