@@ -20,6 +20,8 @@ def run(arguments: Namespace) -> int:
     from gateway import studies  # not before: `--help` needs no numpy
     from gateway.studies.montecarlo import Workers
 
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)  # better told now than after the runs
     begin = time.monotonic()
     study = studies.load(arguments.name)(
         arguments.runs or studies.RUNS, Workers(arguments.jobs, arguments.dask)
@@ -38,7 +40,6 @@ def run(arguments: Namespace) -> int:
 def _write(study: "Study", text: str, out: Path) -> None:
     """Write ``study.json`` and a picture of every figure."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
         (out / f"{study.name}.json").write_text(text + "\n", encoding="utf-8")
         for name, draw in study.figures.items():
             draw().savefig(out / f"{study.name}-{name}.png", dpi=120)

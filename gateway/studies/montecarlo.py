@@ -13,6 +13,9 @@ from gateway.errors import UsblnavError
 
 R = TypeVar("R")
 
+_PATIENCE_S = 10.0
+"""How long a scheduler may take to answer, and its workers to come."""
+
 
 @dataclass(frozen=True)
 class Workers:
@@ -32,30 +35,35 @@ class Workers:
     def map(self, run: Callable[..., R], shared: tuple[Any, ...], runs: int, title: str) -> list[R]:
         """Give ``[run(*shared, seed) for seed in range(runs)]``, with a progress bar."""
         calls = (joblib.delayed(run)(*shared, seed) for seed in range(runs))
-        with self._backend(), _bar(title, runs) as step:
+        with self._backend(shared), _bar(title, runs) as step:
             results = []
             for result in joblib.Parallel(n_jobs=self.jobs, return_as="generator")(calls):
                 results.append(result)
                 step()
             return results
 
-    def _backend(self) -> AbstractContextManager[Any]:
-        return nullcontext() if self.dask is None else _cluster(self.dask)
+    def _backend(self, shared: tuple[Any, ...]) -> AbstractContextManager[Any]:
+        return nullcontext() if self.dask is None else _cluster(self.dask, shared)
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[None]:
-    """A dask cluster as joblib's backend."""
+def _cluster(address: str, shared: tuple[Any, ...]) -> Iterator[None]:
+    """A dask cluster as joblib's backend; every worker is sent once what the runs share."""
     try:
         from dask.distributed import Client
     except ImportError as error:
         raise UsblnavError("--dask: not installed; pip install 'usblnav[cluster]'") from error
     try:
-        client: AbstractContextManager[Any] = Client(address, timeout="10s")
+        client = Client(address, timeout=_PATIENCE_S)
     except (OSError, ValueError) as error:
         raise UsblnavError(f"--dask: no scheduler at {address}") from error
-    with client, joblib.parallel_config(backend="dask"):
-        yield
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_PATIENCE_S)
+        except TimeoutError as error:
+            raise UsblnavError(f"--dask: the scheduler at {address} has no workers") from error
+        with joblib.parallel_config(backend="dask", scatter=list(shared)):
+            yield
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """What a study found: rows of published beside attained, and its figures."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -22,8 +23,8 @@ class Row:
     unit: str
 
     def plain(self) -> dict[str, Any]:
-        """The row as JSON has it."""
-        value, low, high = self.attained
+        """The row as JSON has it: a number that does not exist is null."""
+        value, low, high = (x if math.isfinite(x) else None for x in self.attained)
         return {
             "id": self.id,
             "published": self.published,
