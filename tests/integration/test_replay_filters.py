@@ -1,0 +1,150 @@
+"""Several filters side by side on one capture, and the smoother: files, table, accuracy."""
+
+import json
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from gateway import replay
+from gateway.config import load
+from gateway.emulator import twin
+from gateway.emulator.player import emulate
+from tests.gateway.emulated import START, demo_data, make
+from tests.integration.rig import USBLNAV
+from tests.integration.scores import Errors, errors, read
+from tests.shared_data import ROOT, shared
+
+FILES = ["nav.csv", "innovations.csv", "calibration.csv", "residuals.csv", "config.yaml"]
+NAMES = ["right_invariant", "additive", "loose"]
+SETTLED_S = 20.0
+
+
+@dataclass(frozen=True)
+class Sea:
+    """A capture of the emulator with its truth and its configuration."""
+
+    capture: Path
+    truth: Path
+    config: Path
+
+    def replayed(self, out: Path, *options: str) -> str:
+        """Run the command; give what it printed."""
+        call = [*USBLNAV, "replay", self.capture, "-c", self.config, "-o", out, *options]
+        done = subprocess.run(
+            call, capture_output=True, text=True, cwd=ROOT, timeout=120, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def errors(self, out: Path) -> Errors:
+        return errors(out / "nav.csv", self.truth)
+
+
+@pytest.fixture(scope="module")
+def sea(tmp_path_factory: pytest.TempPathFactory) -> Sea:
+    folder = tmp_path_factory.mktemp("sea")
+    data = demo_data() | {"duration_s": 80.0, "start": START, "seed": 3}
+    data["devices"]["imu0"]["rate_hz"] = 50
+    scenario = twin.for_capture(make(data))
+    found = Sea(folder / "sea.pcap", folder / "truth.csv", folder / "config.yaml")
+    emulate(scenario, pcap=found.capture, truth=found.truth, say=lambda _line: None)
+    found.config.write_text(yaml.safe_dump(twin.gateway_config(scenario)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def beside(sea: Sea, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    out = tmp_path_factory.mktemp("beside")
+    return out, sea.replayed(out, "--filters", ",".join(NAMES))
+
+
+def test_each_filter_writes_its_own_files(beside: tuple[Path, str]) -> None:
+    out, _ = beside
+    assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
+    tables = [(out / name / "nav.csv").read_bytes() for name in NAMES]
+    assert len(set(tables)) == len(NAMES)
+
+
+def test_each_filter_gives_what_it_gives_alone(
+    sea: Sea, beside: tuple[Path, str], tmp_path: Path
+) -> None:
+    out, _ = beside
+    sea.replayed(tmp_path, "--filters", "additive")
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (out / "additive" / name).read_bytes(), name
+
+
+def test_the_table_says_what_the_summaries_say(beside: tuple[Path, str]) -> None:
+    out, printed = beside
+    header, *rows = printed.splitlines()[: 1 + len(NAMES)]
+    assert "mean NIS" in header
+    for name, row in zip(NAMES, rows, strict=True):
+        summary = json.loads((out / name / "summary.json").read_text())
+        assert row.split()[0] == name
+        assert int(row.split()[1]) == summary["filter"]["fixes_used"] > 30
+        assert float(row.split()[3]) == pytest.approx(summary["filter"]["mean_nis"], abs=0.005)
+        assert f"{summary['final_sigma']['horizontal_m']:.3f} m" in row
+
+
+def test_as_json_the_summaries_go_by_name(sea: Sea, tmp_path: Path) -> None:
+    printed = json.loads(sea.replayed(tmp_path, "--filters", "additive,left_invariant", "--json"))
+    assert list(printed["filters"]) == ["additive", "left_invariant"]
+
+
+def test_the_configuration_it_ran_with_is_one(beside: tuple[Path, str]) -> None:
+    config = load(beside[0] / "additive" / "config.yaml")
+    assert config.filter.error == "additive"
+    assert load(beside[0] / "loose" / "config.yaml").filter.coupling == "loose"
+
+
+def test_the_smoother_beats_the_filter(sea: Sea, beside: tuple[Path, str], tmp_path: Path) -> None:
+    sea.replayed(tmp_path, "--smooth")
+    filtered = sea.errors(beside[0] / "right_invariant").rms(START)
+    smoothed = sea.errors(tmp_path).rms(START)
+    for name in ("horizontal", "vertical"):
+        assert smoothed[name] < 0.6 * filtered[name], name
+
+
+def test_the_smoothed_sigmas_hold(sea: Sea, tmp_path: Path) -> None:
+    """Smaller than the filter's everywhere but at the end, and larger than a third of the error."""
+    sea.replayed(tmp_path / "smoothed", "--smooth")
+    sea.replayed(tmp_path / "filtered")
+    smoothed, filtered = (read(tmp_path / name / "nav.csv") for name in ("smoothed", "filtered"))
+    inside = smoothed["t_s"] < START + 70.0
+    for sd in ("sd_n_m", "sd_e_m", "sd_heading_deg"):
+        assert (smoothed[sd][inside] <= filtered[sd][inside] + 1e-4).all(), sd
+    found = sea.errors(tmp_path / "smoothed")
+    for error, sd in ((found.north, "sd_n_m"), (found.east, "sd_e_m"), (found.up, "sd_d_m")):
+        assert (np.abs(error) < 4.0 * smoothed[sd][: len(error)]).all(), sd
+
+
+def test_smoothing_twice_gives_the_same_bytes(sea: Sea, tmp_path: Path) -> None:
+    for name in ("once", "again"):
+        sea.replayed(tmp_path / name, "--smooth")
+    for name in FILES:
+        assert (tmp_path / "once" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "bound"),
+    [
+        ("snapir02", 100.0, {"horizontal": 0.25, "vertical": 0.30, "heading": 0.36}),
+        ("lawnmower", 300.0, {"horizontal": 0.35, "vertical": 0.20, "heading": 0.055}),
+    ],
+)
+def test_captures_not_made_here(
+    name: str, begin: float, bound: dict[str, float], tmp_path: Path
+) -> None:
+    folder = shared("captures", name)
+    captures = [folder / "capture.pcap.gz"]
+    config = load(folder / "config.yaml")
+    replay.run(captures, config, out=tmp_path, rate_hz=2.0, smooth=True)
+    found = errors(tmp_path / "nav.csv", folder / "truth.csv.gz", START)
+    rms = found.rms(begin)
+    assert {key: round(rms[key], 4) for key in bound if rms[key] > bound[key]} == {}
+    if name == "lawnmower":
+        assert found.rms(700.0, 820.0)["horizontal"] < 0.5, "in the gap the filter has 2 m"
