@@ -86,6 +86,7 @@ def _turn(x: Array, P: Array, away_s: float) -> None:
     """Let heading and level be forgotten.  # (M.137), (M.138)"""
     lat, lon, _ = ecef_to_lla(x[sd.R_E])
     C = C_en(lat, lon)
-    heading = ANY_HEADING * -math.expm1(-TURN * away_s / ANY_HEADING)
-    level = SWAY * -math.expm1(-2.0 * away_s / SWAY_S)
-    P[ATT, ATT] += C @ np.diag([level, level, heading]) @ C.T
+    known = np.diagonal(C.T @ P[ATT, ATT] @ C)
+    share = -np.expm1(-away_s * np.array([2.0 / SWAY_S, 2.0 / SWAY_S, TURN / ANY_HEADING]))
+    unseen = np.maximum(np.array([SWAY, SWAY, ANY_HEADING]) - known, 0.0) * share
+    P[ATT, ATT] += C @ np.diag(unseen) @ C.T

@@ -50,6 +50,7 @@ MOWING = {
     "sway": demo_data()["trajectory"]["sway"],
 }
 RUNS = 24
+TURNING = MOWING | {"leg_m": 30.0, "spacing_m": 8.0, "speed_m_s": 6.0}
 OFF_TRACK = {"1": {"lat_deg": 39.8005, "lon_deg": 116.2012, "height_m": -50.0}}
 
 
@@ -115,9 +116,13 @@ def test_nothing_is_claimed_before_the_attitude_is_found_and_no_fix_is_lost():
     assert estimator.counts().fixes_used == len(heard)
 
 
-def test_what_comes_out_does_not_depend_on_batches():
-    voyage = Voyage(scenario(MOORED, 4, 40.0))
-    config = aligning(voyage, level_s=7.3)
+@pytest.mark.parametrize(
+    ("track", "align"),
+    [(MOORED, {"level_s": 7.3}), (TURNING, {"level_s": 7.3, "heading": "unknown"})],
+)
+def test_what_comes_out_does_not_depend_on_batches(track, align):
+    voyage = Voyage(scenario(track, 4, 40.0))
+    config = aligning(voyage, **align)
     fine = list(voyage.arrivals(0.5, 0.02))
     whole = said(run(config, fine, 3.0)[0])
     for block_s in (0.1, 1.7):
@@ -143,11 +148,11 @@ def joined(arrivals: list[Measurement], block_s: float) -> Iterator[Measurement]
 
 
 def test_a_window_of_manoeuvres_is_refused_with_its_reason_and_the_next_one_tried():
-    """Full speed ahead and hard over in the first window, straight on in the later ones."""
-    track = MOWING | {"leg_m": 30.0, "spacing_m": 8.0, "speed_m_s": 6.0}
-    voyage = Voyage(scenario(track, 5, 120.0))
+    """6 m/s, and hard over again and again."""
+    voyage = Voyage(scenario(TURNING, 5, 60.0))
     outputs, _ = run(aligning(voyage, level_s=10), list(voyage.arrivals(0.5)))
     verdicts = [o for o in outputs if isinstance(o, Innovation) and o.device == "imu0"]
+    assert len(verdicts) > 1
     assert not verdicts[0].accepted
     assert verdicts[0].reason in ("level_turning", "level_unsteady")
     stale = [o for o in outputs if isinstance(o, Innovation) and o.reason == "aligning"]
