@@ -35,7 +35,7 @@ def measure(source: Source) -> list[Row]:
         ("frame decoded (KVH)", _decoding(source, config), "us"),
         ("frame decoded, timed and turned to body axes", _intake(source, config), "us"),
         ("filter step, 200 Hz, in batches", _stepping(config, measurements), "us"),
-        ("update by one fix", _updating(config, measurements), "us"),
+        ("fix linearised, gated, used and reported", _updating(config, measurements), "us"),
         ("late fix, 0.5 s run again", _rerunning(config, measurements, 0.5), "us"),
         ("late fix, 10 s run again", _rerunning(config, measurements, 9.9), "us"),
         ("NMEA epoch of six sentences", _sentences(config, measurements), "us"),
