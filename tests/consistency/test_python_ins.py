@@ -25,7 +25,7 @@ SIGMA_FIX_M = 1.0
 PERIOD_S = 2.0
 SIGMA_POSITION_M, SIGMA_VELOCITY, SIGMA_LEVEL, SIGMA_HEADING = 3.0, 0.1, 0.02, 0.2
 """m, m/s, deg, deg. Heading errors of 1 deg part any two error definitions by centimetres."""
-AGREE_M, AGREE_DEG = 0.005, 0.006
+AGREE_M, AGREE_DEG = 0.005, 0.01
 
 
 @dataclass(frozen=True)
