@@ -7,6 +7,7 @@ definition in which the filter updates. For the invariant ones that is the smoot
 Laan, Cohen, Arsenault and Forbes (IEEE RA-L 5(4), 2020).  # (M.100)-(M.107)
 """
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,16 +57,15 @@ def between(recording: RecordingFilter, states: Sequence[State], at: Sequence[in
     """
     rows, knots = recording.rows, recording.knots
     found: list[State] = []
-    wanted = list(at)
     for k, state in enumerate(states):
         here = knots[k].position
-        while wanted and wanted[0] <= here:
-            found.append(state)
-            wanted.pop(0)
-        if k + 1 < len(states) and wanted and wanted[0] < knots[k + 1].position:
-            inside = [w for w in wanted if w < knots[k + 1].position]
-            wanted = wanted[len(inside) :]
-            carried = _carry(state, rows, here, [*inside, knots[k + 1].position])
+        found += [state] * (bisect_right(at, here) - len(found))
+        if k + 1 == len(states):
+            break
+        there = knots[k + 1].position
+        inside = at[len(found) : bisect_left(at, there)]
+        if inside:
+            carried = _carry(state, rows, here, [*inside, there])
             found += _interpolate(state, states[k + 1], carried)
     return found
 
