@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.emulator.scenario import Scenario
 from gateway.studies import bound, errors, figures, statistics, voyage
 from gateway.studies.montecarlo import Workers
 from gateway.studies.passage import DOWN, EAST, HEADING, NORTH, Choices, Passage, configured, sail
@@ -98,14 +99,17 @@ def weak(of: Voyage) -> Voyage:
 
 
 def _voyage(level_deg: float, heading_deg: float) -> Voyage:
-    """The seed's voyage with a first attitude that is off by up to the given angles."""
-    scenario = voyage.load(SCENARIO)
+    return voyage.make(with_attitude_errors(voyage.load(SCENARIO), level_deg, heading_deg))
+
+
+def with_attitude_errors(scenario: Scenario, level_deg: float, heading_deg: float) -> Scenario:
+    """The scenario with a first attitude that is off by up to the given angles."""
     level, heading = level_deg / np.sqrt(3.0), heading_deg / np.sqrt(3.0)
     sigma = msgspec.structs.replace(
         scenario.initial.sigma, attitude_deg=(float(level), float(level), float(heading))
     )
     initial = msgspec.structs.replace(scenario.initial, sigma=sigma)
-    return voyage.make(msgspec.structs.replace(scenario, initial=initial))
+    return msgspec.structs.replace(scenario, initial=initial)
 
 
 def _study(name: str, of: Voyage, fleets: Sequence[Fleet], more: Sequence[Row] = ()) -> Study:
