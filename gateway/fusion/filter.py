@@ -17,6 +17,7 @@ from gateway.fusion.kalman import (
 )
 from gateway.fusion.observation import Model, observe
 from gateway.fusion.ranging import Past
+from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, N_STATES, POS, VEL, State
 from gateway.messages import Component, Fix, Innovation
 from gateway.nav import strapdown
@@ -37,6 +38,10 @@ be paid for by velocity, attitude and the instruments' constants.
 """
 GATE_MAX_HEADING_SD = np.radians(5.0)
 """The gate stays open while the heading is known worse than this: it would lock out good fixes."""
+MISSING = 7
+"""Column of the samples that says for how long (s) a sample stands in for lost ones."""
+LONG_GAP_S = 2.0
+"""Longest gap in which it may: after more the vehicle has moved unseen."""
 CAREFUL_PARTS = 10
 """Parts in which a fix is used while the estimate may be far off, each linearised anew."""
 
@@ -78,13 +83,28 @@ class Filter:
 
     def advance(self, rows: Array, track: Array) -> None:
         """Carry the state over whole samples."""
-        state = self.memory.state
-        strapdown.run(state.x, state.P, rows, self.model.q, track)
+        state, begin = self.memory.state, 0
+        for k in np.flatnonzero(rows[:, MISSING] > LONG_GAP_S):
+            strapdown.run(state.x, state.P, rows[begin:k], self.model.q, track[begin:k])
+            self._lose_sight(float(rows[k, 0]))
+            self.mark(track[k])
+            begin = k + 1
+        strapdown.run(state.x, state.P, rows[begin:], self.model.q, track[begin:])
 
     def advance_part(self, row: Array, begin: float, end: float) -> None:
         """Carry the state over a share of one sample."""
         state = self.memory.state
-        strapdown.advance(state.x, state.P, row, begin, end, self.model.q)
+        if row[MISSING] > LONG_GAP_S:
+            self._lose_sight((end - begin) * float(row[0]))
+        else:
+            strapdown.advance(state.x, state.P, row, begin, end, self.model.q)
+
+    def _lose_sight(self, away_s: float) -> None:
+        """Let the pose go on unseen.  # (M.135)-(M.138)"""
+        x, before = self.memory.state.x, self.memory.state.r_e.copy()
+        forget(x, self.memory.state.P, away_s)
+        x[strapdown.S_E] += x[strapdown.R_E] - before
+        x[strapdown.LAST] = 0.0  # no sample goes before the next one
 
     def mark(self, track: Array) -> None:
         """Write displacement and attitude chain of the present."""
