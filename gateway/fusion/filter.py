@@ -84,7 +84,7 @@ class Filter:
     def advance(self, rows: Array, track: Array) -> None:
         """Carry the state over whole samples."""
         state, begin = self.memory.state, 0
-        for k in np.flatnonzero(rows[:, MISSING] > LONG_GAP_S):
+        for k in np.flatnonzero(rows[:, MISSING] > LONG_GAP_S).tolist():
             strapdown.run(state.x, state.P, rows[begin:k], self.model.q, track[begin:k])
             self._lose_sight(float(rows[k, 0]))
             self.mark(track[k])
