@@ -17,6 +17,8 @@ INSEPARABLE = 0.9
 """Correlation from which on two constants cannot be told apart."""
 UNSEEN = 0.7
 """Share of the prior sigma above which the run has told little of a constant."""
+PARTNER = 0.5
+"""Correlation from which on another is named as what an unseen constant may be taken for."""
 
 _MOUNTING = [f"mounting_{axis}_deg" for axis in "xyz"]
 _LEVER = [f"lever_arm_{axis}_m" for axis in "xyz"]
@@ -48,10 +50,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class Unseen:
-    """A constant of which the run told little: its sigma is still ``share`` of the prior one."""
+    """A constant of which the run told little: its sigma is still ``share`` of the prior one.
+
+    ``partner`` is what it is most easily taken for, None where nothing stands out.
+    """
 
     name: str
     share: float
+    partner: str | None
     advice: str
 
 
@@ -133,7 +139,11 @@ def find(source: Source) -> Findings | None:
         names=source.names,
         correlation=correlation,
         pairs=_pairs(source.names, correlation, constants),
-        unseen=_unseen(constants, turn, C_nominal),
+        unseen=[
+            _explained(name, share, source.names, correlation)
+            for name, share in _shares(constants, turn, C_nominal).items()
+            if share > UNSEEN
+        ],
         fits={name: _fit(rows) for name, rows in source.residuals.items()},
     )
 
@@ -202,8 +212,8 @@ def _pairs(names: list[str], correlation: Array, constants: dict[str, Constant])
     ]
 
 
-def _unseen(constants: dict[str, Constant], turn: Number | None, C_bu: Array) -> list[Unseen]:
-    """Constants whose sigma has hardly shrunk.
+def _shares(constants: dict[str, Constant], turn: Number | None, C_bu: Array) -> dict[str, float]:
+    """What is left of each prior sigma.
 
     Where a bearing offset is estimated it is judged together with the mounting about the array's
     axis: each alone stays unknown however the vehicle moves.
@@ -217,11 +227,19 @@ def _unseen(constants: dict[str, Constant], turn: Number | None, C_bu: Array) ->
             if abs(share) > np.sqrt(0.5):
                 judged.pop(name, None)
         judged["bearing_turn_deg"] = turn.sigma, float(np.sqrt(variance))
-    return [
-        Unseen(name, sigma / prior, advice.to_see(name))
-        for name, (sigma, prior) in judged.items()
-        if prior > 0.0 and sigma > UNSEEN * prior
-    ]
+    return {name: sigma / prior for name, (sigma, prior) in judged.items() if prior > 0.0}
+
+
+def _explained(name: str, share: float, names: list[str], correlation: Array) -> Unseen:
+    """An unseen constant with what it is most easily taken for."""
+    if name not in names:
+        return Unseen(name, share, None, advice.to_see(name))
+    row = np.abs(correlation[names.index(name)])
+    row[names.index(name)] = 0.0
+    partner = names[int(row.argmax())]
+    if row.max() < PARTNER:
+        return Unseen(name, share, None, advice.to_see(name))
+    return Unseen(name, share, partner, advice.to_part(name, partner))
 
 
 def _fit(rows: Residuals) -> Fit:

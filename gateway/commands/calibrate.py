@@ -84,5 +84,6 @@ def _verdict(findings: Any) -> Iterator[str]:
         yield f"  {pair.one} and {pair.other} go together (correlation {pair.correlation:+.2f}):"
         yield f"    {pair.advice}"
     for one in findings.unseen:
-        yield f"  {one.name}: sigma still {100 * one.share:.0f} % of what it was before:"
+        taken = f" (may be taken for {one.partner})" if one.partner else ""
+        yield f"  {one.name}: sigma still {100 * one.share:.0f} % of what it was before{taken}:"
         yield f"    {one.advice}"

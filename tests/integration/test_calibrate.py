@@ -144,6 +144,17 @@ def angles(C_bu: np.ndarray, beacon_b: np.ndarray) -> np.ndarray:
     return np.array([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))])
 
 
+def test_a_circle_cannot_part_mounting_from_elevation_offset(tmp_path: Path) -> None:
+    """The beacon is always abeam: rolled by the mounting, or offset."""
+    findings = find(read(voyage(tmp_path, CIRCLE, 300.0, 39.8)))
+    (one,) = (u for u in findings.unseen if u.name == "elevation_offset_deg")
+    assert one.partner is not None
+    assert one.partner.startswith(("mounting", "range"))
+    for name, true in truth().items():
+        found = findings.constants[name]
+        assert abs(found.value - true) < 3.0 * found.sigma, name
+
+
 def test_the_mounting_of_the_snippet_is_the_true_one(survey: Path) -> None:
     """With its offset put into the mounting an array measures the same bearings."""
     findings = find(read(survey))

@@ -122,6 +122,21 @@ def test_the_smoothed_sigmas_hold(sea: Sea, tmp_path: Path) -> None:
         assert (np.abs(error) < 4.0 * smoothed[sd][: len(error)]).all(), sd
 
 
+def test_a_start_that_finds_its_attitude_is_smoothed_too(sea: Sea, tmp_path: Path) -> None:
+    """Aligning while it levels; from then on the smoothed solution, as good as the other."""
+    whole = yaml.safe_load(sea.config.read_text())
+    whole["initial"]["align"] = {"heading": "config", "level_s": 15.0}
+    config = tmp_path / "config.yaml"
+    config.write_text(yaml.safe_dump(whole))
+    Sea(sea.capture, sea.truth, config).replayed(tmp_path / "out", "--smooth")
+    modes = [line.rsplit(",", 1)[1] for line in (tmp_path / "out/nav.csv").read_text().split()[1:]]
+    begun = modes.index("aided")
+    assert 100 < begun < 250
+    assert set(modes[:begun]) == {"aligning"}
+    assert set(modes[begun:]) == {"aided"}
+    assert sea.errors(tmp_path / "out").rms(START + 30.0)["horizontal"] < 0.5
+
+
 def test_smoothing_twice_gives_the_same_bytes(sea: Sea, tmp_path: Path) -> None:
     for name in ("once", "again"):
         sea.replayed(tmp_path / name, "--smooth")
