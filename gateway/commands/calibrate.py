@@ -4,9 +4,12 @@ import json
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.calibrate import Findings
 
 
 def run(arguments: Namespace) -> int:
@@ -42,7 +45,7 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
-def _plain(findings: Any) -> dict[str, Any]:
+def _plain(findings: "Findings") -> dict[str, Any]:
     """The findings as JSON has them."""
     return asdict(findings) | {
         "correlation": findings.correlation.round(4).tolist(),
@@ -50,7 +53,7 @@ def _plain(findings: Any) -> dict[str, Any]:
     }
 
 
-def _lines(findings: Any, configured_m_s: float) -> Iterator[str]:
+def _lines(findings: "Findings", configured_m_s: float) -> Iterator[str]:
     """For a person."""
     yield f"{findings.device}{'':14}{'value':>12}{'sigma':>11}{'before':>11}"
     for name, c in findings.constants.items():
@@ -74,7 +77,7 @@ def _lines(findings: Any, configured_m_s: float) -> Iterator[str]:
     yield from _verdict(findings)
 
 
-def _verdict(findings: Any) -> Iterator[str]:
+def _verdict(findings: "Findings") -> Iterator[str]:
     """What the run could not tell."""
     if findings.enough:
         yield "The manoeuvres were enough."

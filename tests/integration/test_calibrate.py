@@ -187,6 +187,31 @@ def test_the_snippet_makes_the_next_replay_start_where_this_one_ended(
             assert constant.prior < 0.2 * PRIOR["mounting_deg"]
 
 
+def test_lever_arm_and_latency_are_found_where_they_have_a_prior(
+    survey: Path, tmp_path: Path
+) -> None:
+    """Configured 0.3 m and 120 ms off."""
+    whole = yaml.safe_load((survey.parent / "config.yaml").read_text())
+    block = whole["devices"]["usbl0"]
+    block["lever_arm_m"][0] -= 0.3
+    block["clock"]["latency_ms"] -= 120.0
+    block["prior"] |= {"lever_arm_m": 0.3, "latency_ms": 150.0}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(whole))
+    captures = [survey.parent / "sea.pcap"]
+    replay.run(captures, load(tmp_path / "config.yaml"), out=tmp_path / "out", rate_hz=1.0)
+    findings = find(read(tmp_path / "out"))
+    latency, lever = findings.constants["latency_ms"], findings.constants["lever_arm_x_m"]
+    assert abs(latency.value - 120.0) < 3.0 * latency.sigma
+    assert abs(lever.value - 0.3) < 3.0 * lever.sigma
+    assert latency.sigma < 40.0
+    calibrate(tmp_path / "out", "--figures", "none")
+    snippet = yaml.safe_load((tmp_path / "out" / "calibrate" / "config.yaml").read_text())
+    array = snippet["devices"]["usbl0"]
+    assert array["clock"] == {"source": "arrival", "latency_ms": round(findings.latency_ms, 1)}
+    assert array["lever_arm_m"] == [round(x, 3) for x in findings.lever_arm_m]
+    assert array["prior"]["latency_ms"] >= latency.sigma
+
+
 def test_residuals_shrink_to_the_noise(survey: Path) -> None:
     fits = find(read(survey)).fits
     assert set(fits) == {"elevation_deg", "bearing_deg", "range_m"}
