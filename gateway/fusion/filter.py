@@ -42,7 +42,7 @@ MISSING = 7
 """Column of the samples that says for how long (s) a sample stands in for lost ones."""
 LONG_GAP_S = 2.0
 """Longest gap in which it may: after more the vehicle has moved unseen."""
-CAREFUL_PARTS = 10
+CAREFUL_PARTS = 30
 """Parts in which a fix is used while the estimate may be far off, each linearised anew."""
 
 

@@ -54,7 +54,8 @@ def run_large(runs: int, workers: Workers) -> Study:
     """Up to 10 deg and 60 deg; and once more with little to observe."""
     large = _voyage(10.0, 60.0)
     fleets = workers.map(one, (large, FILTERS), runs, "invariant-large")
-    weakly = workers.map(one, (weak(large), FILTERS), runs, "invariant-large, one beacon")
+    little = voyage.make(weak(large.scenario))
+    weakly = workers.map(one, (little, FILTERS), runs, "invariant-large, one beacon")
     rows = [
         Row(f"weak_{name}_heading_deg", None, _heading([f[name] for f in weakly]), "deg")
         for name in FILTERS
@@ -82,19 +83,17 @@ def one(of: Voyage, filters: Mapping[str, Choices], seed: int) -> Fleet:
     }
 
 
-def weak(of: Voyage) -> Voyage:
-    """One beacon, and a first state that is 100 m and 1 m/s off."""
-    scenario = of.scenario
+def weak(scenario: Scenario) -> Scenario:
+    """One beacon and one turn, and a first state that is 100 m and 1 m/s off."""
+    one_turn = msgspec.structs.replace(scenario.trajectory, leg_m=900.0, turns_deg=(90.0,))
     sigma = msgspec.structs.replace(
         scenario.initial.sigma, position_m=(100.0, 100.0, 100.0), velocity_m_s=1.0
     )
-    return voyage.refit(
-        of,
-        msgspec.structs.replace(
-            scenario,
-            beacons={"1": scenario.beacons["1"]},
-            initial=msgspec.structs.replace(scenario.initial, sigma=sigma),
-        ),
+    return msgspec.structs.replace(
+        scenario,
+        trajectory=one_turn,
+        beacons={"1": scenario.beacons["1"]},
+        initial=msgspec.structs.replace(scenario.initial, sigma=sigma),
     )
 
 
