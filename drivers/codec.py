@@ -42,7 +42,7 @@ class Codec:
     decoder
         Makes a fresh decoder for an instance of `options`.
     encode
-        Pure ``(record, options) -> bytes`` of one frame; the emulator and the tests speak through it.
+        Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it.
     """
 
     name: str

@@ -11,7 +11,7 @@ Port = Annotated[int, Meta(ge=1, le=65535)]
 class SerialLink(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="serial"
 ):
-    """A serial line; ``port`` is a device path, best one of /dev/serial/by-id or of the udev rule."""
+    """A serial line; ``port`` is a device path, best of /dev/serial/by-id or of the udev rule."""
 
     port: str
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600

@@ -16,7 +16,6 @@ from gateway.studies.montecarlo import Workers
 from gateway.studies.passage import HEADING, Passage, configured, sail
 from gateway.studies.voyage import Voyage
 
-
 TINY = 1e-12
 
 
