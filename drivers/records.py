@@ -70,6 +70,30 @@ class UsblRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="us
     depth_m: float | UnsetType = UNSET
 
 
+class GnssRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="gnss"):
+    """What one sentence of a satellite receiver says: GGA a position, RMC velocity as well.
+
+    ``height_m`` is the antenna's height above the WGS84 ellipsoid, ``geoid_m`` the geoid's;
+    speed and true course are over ground, ``t_device_s`` is the second of the UTC day. What a
+    sentence does not carry, or leaves empty, is None. ``valid`` says that the receiver measured:
+    what it estimates, simulates or was told is not.
+    """
+
+    sentence: Literal["GGA", "RMC"]
+    valid: bool
+    t_device_s: float | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    height_m: float | None = None
+    geoid_m: float | None = None
+    speed_m_s: float | None = None
+    course_deg: float | None = None
+    quality: int | None = None
+    mode: str | None = None
+    satellites: int | None = None
+    hdop: float | None = None
+
+
 class DeviceStatus(Arrival, frozen=True, kw_only=True, tag_field="record", tag="status"):
     """What an instrument says about its own health (built-in test and the like)."""
 
@@ -92,7 +116,7 @@ class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="reje
     data: bytes = msgspec.field(name="bytes")
 
 
-Record = ImuRecord | UsblRecord | DeviceStatus | NmeaSentence
+Record = ImuRecord | UsblRecord | GnssRecord | DeviceStatus | NmeaSentence
 
 
 def to_json(record: Record | Rejected) -> bytes:

@@ -15,6 +15,7 @@ CODECS: dict[str, str] = {
     "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
+    "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "nmea0183": "drivers.nmea0183:NMEA0183",
 }
 

@@ -66,9 +66,19 @@ def _nmea() -> list[bytes]:
     ] + [b"$GPZDA,160012.71,11,03,2004,-1,00*7D\r\n"]
 
 
+def _gnss() -> list[bytes]:
+    return [
+        b"$GPGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*5B\r\n",
+        b"$GPRMC,083559.00,A,4717.11437,N,00833.91522,E,0.004,77.52,091202,,,A*57\r\n",
+        b"$GPGGA,,,,,,0,00,99.99,,,,,,*48\r\n",
+        b"$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68\r\n",
+    ]
+
+
 FRAMES: dict[str, list[bytes]] = {
     "kvh1750": _kvh(),
     "nmea0183": _nmea(),
+    "nmea-gnss": _gnss(),
     **{
         name: _usbl(name)
         for name in ("tracklink-lxt", "tracklink-tp2", "tracklink-gll", "tracklink-log")

@@ -16,6 +16,7 @@ EVERY = pytest.mark.parametrize("name", sorted(FRAMES))
 JUNK = {
     "kvh1750": st.binary(max_size=60),
     "nmea0183": st.binary(max_size=60),
+    "nmea-gnss": st.binary(max_size=60),
     "tracklink-gll": st.binary(max_size=60),
     "tracklink-lxt": st.binary(max_size=60),
     "tracklink-tp2": st.binary(max_size=60),
@@ -102,7 +103,7 @@ def test_one_flipped_bit_costs_only_its_frame(name: str) -> None:
         assert kept[0] == bare([before])[0], bit
         assert kept[-len(after) :] == bare(after), bit
         assert len(kept) <= len(frames), bit
-        if name in ("kvh1750", "nmea0183"):
+        if name in ("kvh1750", "nmea0183", "nmea-gnss"):
             assert len(kept) == len(frames) - 1, bit
 
 

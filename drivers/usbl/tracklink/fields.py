@@ -1,4 +1,4 @@
-"""Fields the TrackLink outputs share: numbers, angles, clocks, axes and their agreement.
+"""Fields the TrackLink outputs share: targets, angles, clocks, axes and their agreement.
 
 None of the outputs has a checksum, so a number is taken only if it looks exactly like one and lies
 where the instrument could have put it.
@@ -15,9 +15,7 @@ from drivers.records import Vec3
 
 Reference = Literal["bow", "north"]
 
-_NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
 _TARGET = re.compile(r"\d{1,3}")
-_CLOCK = re.compile(r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
 
 
 class PositionOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -37,32 +35,11 @@ class PositionOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (y, x, z) if self.axes == "starboard_forward_down" else xyz
 
 
-def number(text: str, low: float = -1e9, high: float = 1e9) -> float:
-    """Read a plain decimal number between bounds; raises `UnreadableError`."""
-    if not _NUMBER.fullmatch(text):
-        raise UnreadableError("syntax", f'"{text}" is no number')
-    value = float(text)
-    if not low <= value <= high:
-        raise UnreadableError("range", f"{text} is not between {low} and {high}")
-    return value
-
-
 def target(text: str) -> str:
     """Read a target number, without leading zeros."""
     if not _TARGET.fullmatch(text):
         raise UnreadableError("syntax", f'"{text}" is no target number')
     return str(int(text))
-
-
-def seconds_of_day(text: str) -> float:
-    """Read ``hh:mm:ss`` or ``hhmmss``, either with decimals."""
-    match = _CLOCK.fullmatch(text)
-    if match is None:
-        raise UnreadableError("syntax", f'"{text}" is no time')
-    hours, minutes, seconds = int(match[1]), int(match[2]), float(match[3])
-    if hours > 23 or minutes > 59 or seconds >= 61:
-        raise UnreadableError("range", f"{text} is not on the clock")
-    return hours * 3600 + minutes * 60 + seconds
 
 
 def hms(t_s: float | None) -> tuple[int, int, int]:

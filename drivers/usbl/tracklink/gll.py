@@ -8,10 +8,11 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from drivers.codec import Codec, Decoder
+from drivers.fields import seconds_of_day
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.nmea0183 import degrees, last_start, latitude, longitude, parse
 from drivers.records import Record, UsblRecord
-from drivers.usbl.tracklink.fields import hms, seconds_of_day
+from drivers.usbl.tracklink.fields import hms
 
 
 class GllOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

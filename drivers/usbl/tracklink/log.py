@@ -25,6 +25,7 @@ from datetime import UTC, datetime
 from msgspec import UNSET, UnsetType
 
 from drivers.codec import Codec, Decoder
+from drivers.fields import number
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.nmea0183 import degrees, latitude, longitude
 from drivers.records import Record, UsblRecord
@@ -33,7 +34,6 @@ from drivers.usbl.tracklink.fields import (
     agree,
     elevation,
     no_range,
-    number,
     signed,
     step,
     target,

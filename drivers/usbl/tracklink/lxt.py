@@ -21,6 +21,7 @@ from functools import partial
 import msgspec
 
 from drivers.codec import Codec, Decoder
+from drivers.fields import number
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.records import Record, UsblRecord
 from drivers.usbl.tracklink.fields import (
@@ -28,7 +29,6 @@ from drivers.usbl.tracklink.fields import (
     fitted,
     fixed_starts,
     no_range,
-    number,
     signed,
     target,
     unsigned,

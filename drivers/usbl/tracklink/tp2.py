@@ -25,6 +25,7 @@ is split at its blanks into 9 fields, or 10 with an error code.
 from functools import partial
 
 from drivers.codec import Codec, Decoder
+from drivers.fields import number, seconds_of_day
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.records import Reason, Record, UsblRecord
 from drivers.usbl.tracklink.fields import (
@@ -35,8 +36,6 @@ from drivers.usbl.tracklink.fields import (
     fixed_starts,
     hms,
     no_range,
-    number,
-    seconds_of_day,
     signed,
     step,
     target,

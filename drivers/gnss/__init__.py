@@ -1,0 +1,1 @@
+"""Wire formats of satellite receivers, one module each."""
