@@ -51,7 +51,7 @@ class _Daemon:
         self._feeds: list[Feed] = []
         ways_in = intakes(config)
         self._lines = [
-            Line(name, "imu" if name == config.imu[0] else "usbl", device.codec, ways_in[name])
+            Line(name, device.kind, device.codec, ways_in[name])
             for name, device in config.devices.items()
         ]
         rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from drivers.links import LinkCounts
+from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
 from gateway.ingest import Intake
 from gateway.messages import FilterCounts
@@ -16,7 +17,7 @@ from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
 
-SILENT_S = {"imu": 1.0, "usbl": 60.0}
+SILENT_S: dict[DeviceKind, float] = {"imu": 1.0, "usbl": 60.0, "gnss": 10.0}
 """Silence of an open line after which its device is called silent; USBL may interrogate slowly."""
 FIRST_S = 10.0
 """How long a device may take to speak for the first time."""
@@ -64,7 +65,7 @@ class Line:
     """One device as the daemon runs it."""
 
     name: str
-    kind: str
+    kind: DeviceKind
     codec: str
     intake: Intake
     link: LinkCounts = field(default_factory=LinkCounts)

@@ -12,7 +12,10 @@ from gateway.config.blocks import (
     Clock,
     Config,
     Device,
+    DeviceKind,
     Filter,
+    GnssDevice,
+    GnssNoise,
     ImuDevice,
     ImuNoise,
     Initial,
@@ -24,7 +27,7 @@ from gateway.config.blocks import (
     UsblPrior,
     ZenohOutput,
 )
-from gateway.config.checks import cross_faults, unavailable
+from gateway.config.checks import cross_faults
 from gateway.errors import ConfigError
 from gateway.schema import build, draft, known, read_yaml
 
@@ -34,7 +37,10 @@ __all__ = [
     "Clock",
     "Config",
     "Device",
+    "DeviceKind",
     "Filter",
+    "GnssDevice",
+    "GnssNoise",
     "ImuDevice",
     "ImuNoise",
     "Initial",
@@ -46,7 +52,6 @@ __all__ = [
     "UsblPrior",
     "ZenohOutput",
     "load",
-    "unavailable",
     "wire_format",
 ]
 

@@ -1,6 +1,6 @@
 """The blocks of the configuration file: every key with its type, bounds and default."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -12,6 +12,7 @@ NonNegative = Annotated[float, Meta(ge=0)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=360)]
 Triple = tuple[float, float, float]
+PositiveTriple = tuple[Positive, Positive, Positive]
 SigmaTriple = tuple[NonNegative, NonNegative, NonNegative]
 Name = Annotated[
     str,
@@ -28,6 +29,9 @@ Endpoint = Annotated[
         description="an endpoint such as tcp/192.168.1.5:7447",
     ),
 ]
+
+
+DeviceKind = Literal["imu", "usbl", "gnss"]
 
 
 class _Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -61,6 +65,13 @@ class UsblNoise(_Block, frozen=True):
     range_rate_m_s: Positive = 0.05
 
 
+class GnssNoise(_Block, frozen=True):
+    """White errors of one fix, 1 sigma: north, east, down; each component of the velocity."""
+
+    position_m: PositiveTriple
+    velocity_m_s: Positive
+
+
 class UsblPrior(_Block, frozen=True):
     """1-sigma of the constant acoustic errors to estimate; 0 takes one as known."""
 
@@ -75,6 +86,8 @@ class UsblPrior(_Block, frozen=True):
 class ImuDevice(_Block, frozen=True, tag_field="kind", tag="imu"):
     """An inertial measurement unit."""
 
+    kind: ClassVar[DeviceKind] = "imu"
+
     codec: str
     link: Link
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
@@ -86,6 +99,8 @@ class ImuDevice(_Block, frozen=True, tag_field="kind", tag="imu"):
 
 class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     """An ultra-short-baseline array on the vehicle."""
+
+    kind: ClassVar[DeviceKind] = "usbl"
 
     codec: str
     link: Link
@@ -100,7 +115,20 @@ class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     prior: UsblPrior = UsblPrior()
 
 
-Device = ImuDevice | UsblDevice
+class GnssDevice(_Block, frozen=True, tag_field="kind", tag="gnss"):
+    """A satellite receiver; the lever arm is its antenna's."""
+
+    kind: ClassVar[DeviceKind] = "gnss"
+
+    codec: str
+    link: Link
+    noise: GnssNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+
+
+Device = ImuDevice | UsblDevice | GnssDevice
 
 
 class Beacon(_Block, frozen=True):
@@ -150,6 +178,8 @@ class Align(_Block, frozen=True):
     heading: Literal["config", "gyrocompass", "gnss_course", "unknown"] = "config"
     level_s: Annotated[float, Meta(ge=5, le=600)] = 30.0
     gyrocompass_s: Annotated[float, Meta(ge=60, le=3600)] = 300.0
+    crab_deg: NonNegative = 5.0
+    """1-sigma of the angle between bow and course, which current and wind make."""
 
 
 class Initial(_Block, frozen=True, kw_only=True):
@@ -216,3 +246,8 @@ class Config(_Block, frozen=True):
     def usbl(self) -> dict[str, UsblDevice]:
         """The acoustic arrays by name."""
         return {n: d for n, d in self.devices.items() if isinstance(d, UsblDevice)}
+
+    @property
+    def gnss(self) -> dict[str, GnssDevice]:
+        """The satellite receivers by name."""
+        return {n: d for n, d in self.devices.items() if isinstance(d, GnssDevice)}

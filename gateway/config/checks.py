@@ -13,6 +13,7 @@ from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import (
     Config,
     Device,
+    GnssDevice,
     ImuDevice,
     ImuNoise,
     UsblDevice,
@@ -20,11 +21,6 @@ from gateway.config.blocks import (
 )
 from gateway.schema import build, known
 
-NOT_YET: dict[str, tuple[str, ...]] = {
-    "clock.source": ("pps",),
-    "initial.align.heading": ("gnss_course",),
-}
-"""What the file may say but this release does not do."""
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
 """A compass worse than this is none."""
@@ -34,11 +30,6 @@ def cross_faults(config: Config) -> Iterator[str]:
     """Every fault that shows only where blocks meet."""
     for check in _CHECKS:
         yield from check(config)
-
-
-def unavailable(key: str, value: str) -> str | None:
-    """The fault of a choice that this release does not do yet (see `NOT_YET`), or None."""
-    return f"{value} is not available yet" if value in NOT_YET[key] else None
 
 
 def _readable(config: Config) -> dict[str, Device]:
@@ -56,10 +47,11 @@ def _one_imu(config: Config) -> Iterator[str]:
         yield "devices: none is of kind imu; exactly one is needed"
 
 
-def _one_array(config: Config) -> Iterator[str]:
-    arrays = [n for n, device in _readable(config).items() if isinstance(device, UsblDevice)]
-    if len(arrays) > 1:
-        yield f"devices: {', '.join(arrays)} are all of kind usbl; only one is available yet"
+def _one_of_a_kind(config: Config) -> Iterator[str]:
+    for kind in ("usbl", "gnss"):
+        alike = [name for name, device in _readable(config).items() if device.kind == kind]
+        if len(alike) > 1:
+            yield f"devices: {', '.join(alike)} are all of kind {kind}; only one is available yet"
 
 
 def _codecs(config: Config) -> Iterator[str]:
@@ -71,10 +63,9 @@ def _codecs(config: Config) -> Iterator[str]:
         except (registry.UnknownCodecError, registry.CodecImportError) as error:
             yield f"devices.{name}.codec: {error}"
             continue
-        kind = "imu" if isinstance(device, ImuDevice) else "usbl"
-        if codec.kind != kind:
-            fitting = [other.name for other in registry.all_codecs() if other.kind == kind]
-            wrong = f"{codec.name} is of kind {codec.kind}, the device of kind {kind}"
+        if codec.kind != device.kind:
+            fitting = [other.name for other in registry.all_codecs() if other.kind == device.kind]
+            wrong = f"{codec.name} is of kind {codec.kind}, the device of kind {device.kind}"
             yield f"devices.{name}.codec: {wrong}; one of: {', '.join(fitting)}"
         elif known(device.options):
             faults: list[str] = []
@@ -159,6 +150,10 @@ def _alignment(config: Config) -> Iterator[str]:
         for name, device in _readable(config).items():
             if isinstance(device, ImuDevice) and known(device.noise):
                 yield from _no_compass(name, device.noise, first.lat_deg)
+    elif first.align.heading == "gnss_course" and known(config.devices):
+        devices = config.devices.values()
+        if known(*devices) and not any(isinstance(device, GnssDevice) for device in devices):
+            yield "initial.align.heading: gnss_course needs a device of kind gnss"
 
 
 def _no_compass(name: str, noise: ImuNoise, lat_deg: float) -> Iterator[str]:
@@ -209,24 +204,14 @@ def _zenoh(config: Config) -> Iterator[str]:
 
 
 def _not_yet(config: Config) -> Iterator[str]:
-    choices: list[tuple[str, str, str]] = [
-        (f"devices.{name}.clock.source", "clock.source", device.clock.source)
-        for name, device in _readable(config).items()
-        if known(device.clock)
-    ]
-    first = config.initial
-    if known(first) and known(first.align) and first.align and known(first.align.heading):
-        key = "initial.align.heading"
-        choices.append((key, key, first.align.heading))
-    for path, key, value in choices:
-        fault = unavailable(key, value)
-        if fault:
-            yield f"{path}: {fault}"
+    for name, device in _readable(config).items():
+        if known(device.clock) and device.clock.source == "pps":
+            yield f"devices.{name}.clock.source: pps is not available yet"
 
 
 _CHECKS = (
     _one_imu,
-    _one_array,
+    _one_of_a_kind,
     _codecs,
     _beacons,
     _latencies,

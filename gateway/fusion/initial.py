@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gateway.config import Config, ImuNoise, Initial
 from gateway.config import Filter as FilterChoice
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.observation import AcousticArray, Loose, Model, Transponder
+from gateway.fusion.observation import AcousticArray, Loose, Model, Mount, Transponder
 from gateway.fusion.state import (
     ATT,
     BA,
@@ -135,6 +135,9 @@ def model(config: Config) -> Model:
                 b.travel == "two_way",
             )
             for name, b in config.beacons.items()
+        },
+        mounts={
+            name: Mount(np.asarray(d.lever_arm_m), np.eye(3)) for name, d in config.gnss.items()
         },
         loose=_loose(config.filter),
         robust=config.filter.robust,

@@ -9,8 +9,9 @@ from typing import Protocol
 
 from drivers.codec import Decoder
 from drivers.records import Record, Rejected
-from gateway.config import Config, Device, ImuDevice, wire_format
+from gateway.config import Config, Device, GnssDevice, ImuDevice, UsblDevice, wire_format
 from gateway.ingest.device import DeviceCounts
+from gateway.ingest.gnss import GnssIngest
 from gateway.ingest.imu import ImuIngest
 from gateway.ingest.usbl import UsblIngest
 from gateway.messages import Measurement
@@ -38,9 +39,7 @@ class Intake:
     def __init__(self, name: str, device: Device) -> None:
         codec, options = wire_format(device)
         self._decoder: Decoder = codec.decoder(options)
-        self._ingest: Ingest = (
-            ImuIngest(device) if isinstance(device, ImuDevice) else UsblIngest(name, device)
-        )
+        self._ingest = _ingest(name, device)
         self.counts = self._ingest.counts
 
     def feed(self, data: bytes, t_rx_ns: int) -> None:
@@ -57,6 +56,16 @@ class Intake:
     def flush(self) -> list[Measurement]:
         """Give the measurements gathered since the last call."""
         return self._ingest.flush()
+
+
+def _ingest(name: str, device: Device) -> Ingest:
+    match device:
+        case ImuDevice():
+            return ImuIngest(device)
+        case UsblDevice():
+            return UsblIngest(name, device)
+        case GnssDevice():
+            return GnssIngest(name, device)
 
 
 def intakes(config: Config) -> dict[str, Intake]:

@@ -8,6 +8,12 @@ import pytest
 from gateway.config import load
 from tests.gateway.test_config import GONE, edited, faults_of, written
 
+GNSS = {
+    "kind": "gnss",
+    "codec": "nmea-gnss",
+    "link": {"type": "udp", "port": 7003},
+    "noise": {"position_m": [2, 2, 4], "velocity_m_s": 0.1},
+}
 GYRO = "devices.imu0.noise.gyro_bias_deg_h"
 
 
@@ -31,6 +37,52 @@ def test_an_attitude_that_is_found_need_not_be_given(tmp_path: Path, heading: st
     )
 
 
+def test_a_course_needs_a_receiver_and_no_attitude(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        edited(
+            ("initial.attitude_deg", GONE),
+            ("initial.sigma.attitude_deg", GONE),
+            ("initial.align", {"heading": "gnss_course"}),
+            ("devices.gnss0", GNSS),
+        ),
+    )
+    config = load(path)
+    assert list(config.gnss) == ["gnss0"]
+    assert config.initial.align is not None and config.initial.align.crab_deg == 5.0
+
+
+def test_of_two_receivers_one_is_too_many(tmp_path: Path) -> None:
+    other = GNSS | {"link": {"type": "udp", "port": 7004}}
+    path = written(tmp_path, edited(("devices.gnss0", GNSS), ("devices.gnss1", other)))
+    assert faults_of(path) == [
+        "devices: gnss0, gnss1 are all of kind gnss; only one is available yet"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            {"codec": "kvh1750"},
+            "devices.gnss0.codec: kvh1750 is of kind imu, the device of kind gnss;"
+            " one of: nmea-gnss",
+        ),
+        (
+            {"options": {"checksum": "none"}},
+            "devices.gnss0.options.checksum: expected one of forbidden, optional, required,"
+            ' got "none"',
+        ),
+        (
+            {"noise": {"position_m": [1, 1, 0], "velocity_m_s": 0.1}},
+            "devices.gnss0.noise.position_m[2]: expected a number > 0, got 0",
+        ),
+    ],
+)
+def test_faults_of_a_receiver(tmp_path: Path, change: dict[str, Any], expected: str) -> None:
+    assert faults_of(written(tmp_path, edited(("devices.gnss0", GNSS | change)))) == [expected]
+
+
 def test_without_align_there_is_none(tmp_path: Path) -> None:
     assert load(written(tmp_path, edited())).initial.align is None
 
@@ -51,7 +103,7 @@ def test_without_align_there_is_none(tmp_path: Path) -> None:
         ),
         (
             [("initial.align", {"heading": "gnss_course"})],
-            ["initial.align.heading: gnss_course is not available yet"],
+            ["initial.align.heading: gnss_course needs a device of kind gnss"],
         ),
         (
             [("initial.align", {"headign": "unknown"})],

@@ -2,10 +2,11 @@
 
 import logging
 from collections.abc import Callable
+from typing import get_args
 
 import pytest
 
-from gateway.config import Config
+from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
 from gateway.filter_process.host import FilterHost
 from gateway.health import FIRST_S, FLOWING_S, SILENT_S, Health, Line
@@ -71,6 +72,10 @@ def test_silence_of_an_open_line_is_said_once_and_its_end_too(
     setting.imu.heard(setting.now)
     setting.later(0.5)
     assert said() == ["imu0: speaks"]
+
+
+def test_every_kind_of_device_has_its_patience() -> None:
+    assert set(SILENT_S) == set(get_args(DeviceKind))
 
 
 @pytest.mark.parametrize("kind", ["imu", "usbl"])

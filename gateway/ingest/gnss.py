@@ -1,0 +1,76 @@
+"""Sentences of a satellite receiver to positions and velocities, each at its epoch."""
+
+import math
+
+from drivers.records import GnssRecord, Record, Rejected
+from gateway.config import GnssDevice
+from gateway.ingest.device import DeviceIngest
+from gateway.messages import Measurement, PositionFix, VelocityFix
+
+EPOCH_NS = 1_000_000_000
+"""Sentences of the same second of the day are of one epoch if they come within this."""
+
+
+class GnssIngest(DeviceIngest):
+    """Positions of GGA and velocities of RMC.
+
+    All sentences of an epoch hold for the moment of the first one: the others only wait for the
+    line. RMC's position is that of GGA once more and would count twice.
+    """
+
+    def __init__(self, name: str, device: GnssDevice) -> None:
+        super().__init__(device.link, device.clock.latency_ms)
+        self._name = name
+        self._sd_position = device.noise.position_m
+        self._sd_velocity = (device.noise.velocity_m_s,) * 3
+        self._epoch_s: float | None = None
+        self._epoch_ns = 0
+        self._fixes: list[Measurement] = []
+
+    def take(self, record: Record | Rejected) -> None:
+        """Take the next record; one that is invalid or neither position nor velocity counts."""
+        if not self._count(record):
+            return
+        if not isinstance(record, GnssRecord):
+            self.counts.ignored["not_gnss"] += 1
+            return
+        t_ns = self._valid_at_ns(record)
+        if not record.valid:
+            self.counts.ignored["invalid"] += 1
+        elif record.sentence == "GGA":
+            self._take_position(record, t_ns)
+        else:
+            self._take_velocity(record, t_ns)
+
+    def flush(self) -> list[Measurement]:
+        """The fixes since the last call."""
+        fixes, self._fixes = self._fixes, []
+        self.counts.measurements += len(fixes)
+        return fixes
+
+    def _valid_at_ns(self, record: GnssRecord) -> int:
+        """When the first sentence of the record's epoch left the receiver, less its latency."""
+        t_ns = self._left_instrument_ns(record)
+        same = record.t_device_s is not None and record.t_device_s == self._epoch_s
+        if not (same and abs(t_ns - self._epoch_ns) < EPOCH_NS):
+            self._epoch_s, self._epoch_ns = record.t_device_s, t_ns
+        return self._epoch_ns
+
+    def _take_position(self, record: GnssRecord, t_ns: int) -> None:
+        if record.lat_deg is None or record.lon_deg is None:
+            self.counts.ignored["no_position"] += 1
+            return
+        lat, lon = math.radians(record.lat_deg), math.radians(record.lon_deg)
+        self._fixes.append(
+            PositionFix(t_ns, self._name, lat, lon, record.height_m, self._sd_position)
+        )
+
+    def _take_velocity(self, record: GnssRecord, t_ns: int) -> None:
+        """A receiver at rest may leave the course empty: then there is no direction."""
+        speed, course = record.speed_m_s, record.course_deg
+        if speed is None or course is None:
+            self.counts.ignored["no_course"] += 1
+            return
+        north = speed * math.cos(math.radians(course))
+        east = speed * math.sin(math.radians(course))
+        self._fixes.append(VelocityFix(t_ns, self._name, north, east, None, self._sd_velocity))
