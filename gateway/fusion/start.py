@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.fusion import align
+from gateway.fusion.course_heading import heading_by_course
 from gateway.fusion.initial import (
     ANY_HEADING_SD_DEG,
     attitude_deg,
@@ -22,7 +23,7 @@ from gateway.fusion.initial import (
 from gateway.fusion.restart import forget
 from gateway.fusion.sighting_heading import agreed, seen_heading
 from gateway.fusion.state import ATT, BA, BG, VEL, State
-from gateway.messages import Component, Fix, Innovation
+from gateway.messages import Component, Fix, Innovation, VelocityFix
 from gateway.nav import strapdown as sd
 from gateway.nav.attitude import euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -117,18 +118,8 @@ class Start:
 
     def _judge(self, t_ns: Times, rows: Array) -> tuple[Innovation, align.Found]:
         """What a window gives, and whether that will do."""
-        rows = self._unbiased(rows)
-        by_compass, unseen = self._choice.heading == "gyrocompass", False
-        if by_compass:
-            found = align.gyrocompass(rows, self._site, self._grade)
-        else:
-            found = self._level(rows, self._heading)
-        to_see = not by_compass and not self._heading_is_known and bool(self._model.arrays)
-        if to_see and not found.refusal:
-            seen = self._seen(t_ns, rows, found)
-            unseen = seen is None
-            found = found if seen is None else self._level(rows, seen)
-        reason = "no_fix" if unseen else found.refusal
+        found, missing = self._find(t_ns, self._unbiased(rows))
+        reason = missing or found.refusal
         roll, pitch, heading = np.degrees(euler_from_C(found.C_nb))
         level_sd, heading_sd = np.degrees([found.level_sd, found.heading_sd])
         components = (
@@ -145,9 +136,49 @@ class Start:
         rows[:, 1:7] -= rows[:, :1] * self._prior.x[sd.B_G.start : sd.B_A.stop]
         return rows
 
-    def _level(self, rows: Array, heading: float) -> align.Found:
+    def _find(self, t_ns: Times, rows: Array) -> tuple[align.Found, str]:
+        """Attitude of a window, and what its heading lacks."""
+        if self._choice.heading == "gyrocompass":
+            return align.gyrocompass(rows, self._site, self._grade), ""
+        found = self._level(rows, self._heading, self._heading_sd)
+        if self._heading_is_known or found.refusal:
+            return found, ""
+        if self._choice.heading == "gnss_course":
+            return self._on_course(t_ns, rows, found)
+        if not self._model.arrays:
+            return found, ""
+        seen = self._seen(t_ns, rows, found)
+        return (
+            (found, "no_fix") if seen is None else (self._level(rows, seen, self._heading_sd), "")
+        )
+
+    def _level(self, rows: Array, heading: float, heading_sd: float) -> align.Found:
         """Level of a window begun on a heading."""
-        return align.level(rows, self._site, self._grade, heading, self._heading_sd)
+        return align.level(rows, self._site, self._grade, heading, heading_sd)
+
+    def _on_course(self, t_ns: Times, rows: Array, found: align.Found) -> tuple[align.Found, str]:
+        """Level with the heading by the velocities in the window."""
+        fixes = [fix for fix in self._within(t_ns) if isinstance(fix, VelocityFix)]
+        if not fixes:
+            return found, "no_course"
+        at = np.searchsorted(t_ns, [fix.t_ns for fix in fixes])
+        turned = np.concatenate([np.eye(3)[None], align.attitudes(rows)[at]])
+        levers = np.array([self._model.mount(fix.device).lever_b for fix in fixes])
+        v_arm_b = np.cross(rows[at, 1:4] / rows[at, :1], levers)
+        sway_v = math.hypot(*found.sway_v[:2]) / math.sqrt(2.0)
+        crab = math.radians(self._choice.crab_deg)
+        for known in (0.0, 1.0):  # where the antenna swings to shows only once the heading does
+            C_nb = found.C_nb @ turned
+            v_arm_n = known * np.einsum("nij,nj->ni", C_nb[1:], v_arm_b)
+            heading, sd = heading_by_course(fixes, C_nb, v_arm_n, sway_v, crab)
+            if not math.isfinite(sd):
+                return found, "too_slow"
+            found = self._level(rows, heading, sd)
+        return found, ""
+
+    def _within(self, t_ns: Times) -> list[Fix]:
+        """The fixes heard of a window's time."""
+        return [fix for fix in self.fixes if self._begins() < fix.t_ns <= t_ns[-1]]
 
     def _seen(self, t_ns: Times, rows: Array, found: align.Found) -> float | None:
         """Heading at the window's beginning by the fixes in it, if there are any.
@@ -163,8 +194,7 @@ class Start:
                 found.C_nb @ turned[np.searchsorted(t_ns, fix.t_ns)],
                 self.waiting(fix.t_ns).r_e,
             )
-            for fix in self.fixes
-            if self._begins() < fix.t_ns <= t_ns[-1]
+            for fix in self._within(t_ns)
         ]
         known = [heading for heading in seen if heading is not None]
         return agreed(known) if known else None
