@@ -37,7 +37,7 @@ GNSS = {
     "codec": "nmea-gnss",
     "link": {"type": "udp", "port": 7003},
     "clock": {"latency_ms": 120},
-    "lever_arm_m": MAST,
+    "lever_arm_m": list(MAST),
     "noise": {"position_m": [SD_POSITION] * 3, "velocity_m_s": SD_VELOCITY},
 }
 CODEC = registry.lookup("nmea-gnss")
