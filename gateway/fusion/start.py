@@ -148,9 +148,9 @@ class Start:
         if not self._model.arrays:
             return found, ""
         seen = self._seen(t_ns, rows, found)
-        return (
-            (found, "no_fix") if seen is None else (self._level(rows, seen, self._heading_sd), "")
-        )
+        if seen is None:
+            return found, "no_fix"
+        return self._level(rows, seen, self._heading_sd), ""
 
     def _level(self, rows: Array, heading: float, heading_sd: float) -> align.Found:
         """Level of a window begun on a heading."""
