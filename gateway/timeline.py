@@ -99,13 +99,21 @@ class Timeline(Generic[V]):
         Nominal rate of the samples.
     history_s
         Lag within which a measurement may still come.
+    snapshot_s
+        Distance of snapshots; where little comes late, fewer are faster.
     """
 
-    def __init__(self, engine: Engine[V], rate_hz: float, history_s: float) -> None:
+    def __init__(
+        self,
+        engine: Engine[V],
+        rate_hz: float,
+        history_s: float,
+        snapshot_s: float = SNAPSHOT_S,
+    ) -> None:
         self._engine = engine
         self._lag_ns = int(history_s * 1e9)
         self._keep = int((history_s + LOOK_BACK_S) * rate_hz * 1.25) + 64
-        self._stride = max(1, round(SNAPSHOT_S * rate_hz))
+        self._stride = max(1, round(snapshot_s * rate_hz))
         size = 2 * self._keep
         self._t: Times = np.zeros(size, dtype=np.int64)
         self._rows: Array = np.zeros((size, 8))

@@ -60,6 +60,15 @@ def run_large(runs: int, workers: Workers) -> Study:
         Row(f"weak_{name}_heading_deg", None, _heading([f[name] for f in weakly]), "deg")
         for name in FILTERS
     ]
+    rows += [
+        Row(
+            f"weak_{name}_diverged",
+            None,
+            statistics.count(_lost([f[name] for f in weakly])),
+            "runs",
+        )
+        for name in FILTERS
+    ]
     return _study("invariant-large", large, fleets, rows)
 
 
@@ -130,7 +139,7 @@ def _study(name: str, of: Voyage, fleets: Sequence[Fleet], more: Sequence[Row] =
 
 def _rows(name: str, passages: Sequence[Passage]) -> list[Row]:
     """The rows of one filter; runs that diverged are counted, not averaged."""
-    lost = np.array([has_diverged(p) for p in passages])
+    lost = _lost(passages)
     kept = [p for p, d in zip(passages, lost, strict=True) if not d]
     none = Interval(float("nan"), float("nan"), float("nan"))
     return [
@@ -142,6 +151,11 @@ def _rows(name: str, passages: Sequence[Passage]) -> list[Row]:
         Row(f"{name}_diverged", None, statistics.count(lost), "runs"),
         Row(f"{name}_nees", None, statistics.nees(kept, SETTLED) if kept else none, "1"),
     ]
+
+
+def _lost(passages: Sequence[Passage]) -> NDArray[np.bool_]:
+    """(N,) which runs diverged."""
+    return np.array([has_diverged(p) for p in passages])
 
 
 def has_diverged(passage: Passage) -> bool:
@@ -188,6 +202,7 @@ def _position(passages: Sequence[Passage], column: int) -> Interval:
 
 
 def _heading(passages: Sequence[Passage]) -> Interval:
-    """RMS of the heading (deg)."""
-    radians = statistics.rms(statistics.mean_square(passages, HEADING, SETTLED))
+    """RMS of the heading (deg); one that is no number any more is off by half a turn."""
+    squares = statistics.mean_square(passages, HEADING, SETTLED)
+    radians = statistics.rms(np.where(np.isfinite(squares), squares, np.pi**2))
     return Interval(*(float(np.degrees(x)) for x in radians))

@@ -2,23 +2,28 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gateway.config import Config
 from gateway.fusion import initial
+from gateway.fusion.errors import ErrorDefinition
 from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.recording import RecordingFilter
+from gateway.fusion.smoother import between, smooth
 from gateway.fusion.state import N_FULL, State
 from gateway.messages import Fix, Innovation
-from gateway.nav.lie import log_so3
 from gateway.studies.errors import Measured
 from gateway.studies.voyage import EPOCH_S, Voyage
 from gateway.timeline import Timeline
 
 Array = NDArray[np.float64]
+Engine = TypeVar("Engine", bound=Filter)
 
 Choices = Mapping[str, str | float]
 """Keys of the configuration's filter block with other values."""
@@ -55,10 +60,14 @@ class Passage:
 
 def configured(config: Config, first: Measured, **choices: str | float) -> Filter:
     """The filter of a configuration with some of its choices replaced, at a run's first state."""
+    return _engine(Filter, config, first, choices)
+
+
+def _engine(kind: type[Engine], config: Config, first: Measured, choices: Choices) -> Engine:
     chosen = msgspec.structs.replace(
         config, filter=msgspec.structs.replace(config.filter, **choices), initial=first.initial
     )
-    return Filter(initial.model(chosen), Memory(initial.initial_state(chosen)))
+    return kind(initial.model(chosen), Memory(initial.initial_state(chosen)))
 
 
 def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True) -> Passage:
@@ -70,7 +79,7 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
         Whether the filter gets the fixes.
     """
     rate_hz = voyage.imu[1].rate_hz
-    timeline = Timeline(engine, rate_hz, voyage.config.filter.history_s)
+    timeline = Timeline(engine, rate_hz, voyage.config.filter.history_s, snapshot_s=EPOCH_S)
     told = _by_epoch(measured) if aided else {}
     step = round(EPOCH_S * rate_hz)
     m = len(voyage.truth.t_s)
@@ -86,7 +95,11 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
         state = engine.memory.state
         means[k], variances[k] = state.x, state.P[:9, :9]
         if k % NEES_EVERY == 0:
-            nees.append(normalised_error(voyage, measured, engine, k))
+            nees.append(
+                normalised_error(
+                    voyage, measured, state, engine.model.error, engine.origin_e, epoch=k
+                )
+            )
         part = slice(k * step, (k + 1) * step)
         verdicts += timeline.extend(voyage.t_ns[part], measured.rows[part])
     seen = [v for v in verdicts if np.isfinite(v.nis)]
@@ -112,14 +125,39 @@ def _by_epoch(measured: Measured) -> dict[int, list[Fix]]:
     return told
 
 
-def normalised_error(voyage: Voyage, measured: Measured, engine: Filter, epoch: int) -> float:
+def smoothed(voyage: Voyage, measured: Measured, **choices: str | float) -> Passage:
+    """The same run looked back upon: every fix in its order, then the fixed-interval smoother."""
+    engine = _engine(RecordingFilter, voyage.config, measured, choices)
+    forward = sail(voyage, replace(measured, told_ns=None), engine)
+    engine.close()
+    step = round(EPOCH_S * voyage.imu[1].rate_hz)
+    epochs = range(len(forward.error_n))
+    states = between(engine, smooth(engine), [k * step for k in epochs])
+    error_n, sigma_n = _in_ned(
+        voyage, np.array([s.x for s in states]), np.array([s.P[:9, :9] for s in states])
+    )
+    nees = [
+        normalised_error(voyage, measured, states[k], engine.model.error, engine.origin_e, epoch=k)
+        for k in epochs[::NEES_EVERY]
+    ]
+    return replace(forward, error_n=error_n, sigma_n=sigma_n, nees=np.array(nees))
+
+
+def normalised_error(
+    voyage: Voyage,
+    measured: Measured,
+    state: State,
+    error: ErrorDefinition,
+    origin_e: Array,
+    *,
+    epoch: int,
+) -> float:
     """NEES: xi^T P^-1 xi in the coordinates of the filter's error definition."""
-    state, error = engine.memory.state, engine.model.error
     if not state.is_sound():
         return float("inf")
-    xi = error.boxminus(state, true_state(voyage, measured, epoch, state), engine.origin_e)
+    xi = error.boxminus(state, true_state(voyage, measured, epoch, state), origin_e)
     T = np.eye(len(xi))
-    T[:9, :9] = error.to_additive(state, engine.origin_e)
+    T[:9, :9] = error.to_additive(state, origin_e)
     xi_additive = T @ xi
     return float(xi_additive @ np.linalg.solve(state.P, xi_additive))
 
@@ -140,7 +178,7 @@ def _in_ned(voyage: Voyage, means: Array, variances: Array) -> tuple[Array, Arra
     C_ne = np.swapaxes(truth.C_en, -1, -2)
     C_hat = means[:, :9].reshape(-1, 3, 3)
     turned = np.einsum("mij,mkj->mik", C_hat, truth.C_eb)
-    phi = np.array([log_so3(E) if np.isfinite(E).all() else np.full(3, np.inf) for E in turned])
+    phi = _rotation_vectors(turned)
     parts = (means[:, 12:15] - truth.r_e, means[:, 9:12] - truth.v_eb_e, phi)
     error = np.hstack([np.einsum("mij,mj->mi", C_ne, part) for part in parts])
     blocks = (slice(6, 9), slice(3, 6), slice(0, 3))
@@ -148,3 +186,11 @@ def _in_ned(voyage: Voyage, means: Array, variances: Array) -> tuple[Array, Arra
         [np.einsum("mij,mjk,mik->mi", C_ne, variances[:, b, b], C_ne) for b in blocks]
     )
     return error, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _rotation_vectors(C: Array) -> Array:
+    """(m, 3) of (m, 3, 3) rotations; a state that is no number has infinite ones."""
+    phi = np.full((len(C), 3), np.inf)
+    sound = np.isfinite(C).all(axis=(1, 2))
+    phi[sound] = Rotation.from_matrix(C[sound]).as_rotvec()
+    return phi

@@ -24,7 +24,7 @@ from gateway.nav.earth import ecef_to_lla
 from gateway.studies import errors, statistics, voyage
 from gateway.studies.errors import Measured
 from gateway.studies.montecarlo import Workers
-from gateway.studies.passage import EAST, NORTH, Passage, configured, sail
+from gateway.studies.passage import EAST, NORTH, Passage, configured, sail, smoothed
 from gateway.studies.statistics import Interval
 from gateway.studies.table import Row, Study
 from gateway.studies.voyage import EPOCH_S, Times, Voyage
@@ -53,6 +53,8 @@ class Run:
     compensated: Passage
     uncompensated: Passage
     consistent: Passage
+    smoothed: Passage
+    smoothed_consistent: Passage
 
 
 def run(runs: int, workers: Workers) -> Study:
@@ -71,6 +73,13 @@ def run(runs: int, workers: Workers) -> Study:
         Row("fast_compensated_max_m", None, _largest([r.compensated for r in fast]), "m"),
         Row("fast_uncompensated_rms_m", None, _rms([r.uncompensated for r in fast]), "m"),
         Row("fast_uncompensated_max_m", None, _largest([r.uncompensated for r in fast]), "m"),
+        Row("smoothed_rms_m", None, _rms([r.smoothed for r in slow]), "m"),
+        Row(
+            "smoothed_nees",
+            None,
+            statistics.nees([r.smoothed_consistent for r in slow], SETTLED),
+            "1",
+        ),
         Row("nees", None, statistics.nees(consistent, SETTLED), "1"),
         Row("nis", None, statistics.nis(consistent, settled_fixes(consistent[0])), "1"),
     ]
@@ -120,6 +129,8 @@ def one(of: Voyage, seed: int) -> Run:
         compensated=sail(of, measured, configured(of.config, measured)),
         uncompensated=sail(of, *baseline(of, measured)),
         consistent=sail(of, drawn, configured(of.config, drawn)),
+        smoothed=smoothed(of, measured),
+        smoothed_consistent=smoothed(of, drawn),
     )
 
 

@@ -25,7 +25,7 @@ from gateway.nav.earth import lla_to_ecef
 from gateway.studies import errors, statistics, voyage
 from gateway.studies.errors import Measured
 from gateway.studies.montecarlo import Workers
-from gateway.studies.passage import EAST, NORTH, Passage, configured, sail
+from gateway.studies.passage import EAST, NORTH, Passage, configured, sail, smoothed
 from gateway.studies.statistics import Interval
 from gateway.studies.table import Row, Study
 from gateway.studies.voyage import EPOCH_S, Replies, Voyage
@@ -52,10 +52,12 @@ _SLOPE_AT = np.array([-2.0, -1.0, 1.0, 2.0])
 
 @dataclass(frozen=True)
 class Run:
-    """One run's passages without and with radial rates, the same errors in both."""
+    """One run's passages without and with radial rates, the same errors in all."""
 
     without: Passage
     with_rates: Passage
+    smoothed: Passage
+    """With rates, looked back upon."""
 
 
 def run(runs: int, workers: Workers) -> Study:
@@ -70,6 +72,8 @@ def run(runs: int, workers: Workers) -> Study:
         Row("two_beacons_without_m", None, _end([r.without for r in two_beacons]), "m"),
         Row("two_beacons_with_m", None, _end([r.with_rates for r in two_beacons]), "m"),
         Row("two_beacons_cut", None, _cut(two_beacons), "%"),
+        *_looking_back("one_beacon", one_beacon),
+        *_looking_back("two_beacons", two_beacons),
         *_consistency("one_beacon", [r.with_rates for r in one_beacon]),
         *_consistency("two_beacons", [r.with_rates for r in two_beacons]),
     ]
@@ -95,6 +99,7 @@ def one(of: Voyage, seed: int) -> Run:
     return Run(
         without=sail(of, without, configured(of.config, without)),
         with_rates=sail(of, measured, configured(of.config, measured)),
+        smoothed=smoothed(of, measured),
     )
 
 
@@ -197,6 +202,17 @@ def _cut(runs: Sequence[Run]) -> Interval:
         return 100.0 * (1.0 - np.sqrt(mean[..., 1] / mean[..., 0]))
 
     return Interval(float(cut(pairs)), *statistics.resampled(pairs, cut))
+
+
+def _looking_back(case: str, runs: Sequence[Run]) -> list[Row]:
+    """RMS horizontal error over the whole voyage, filtered with rates and smoothed."""
+    filtered = [statistics.horizontal([r.with_rates], 0)[0] for r in runs]
+    later = [statistics.horizontal([r.smoothed], 0)[0] for r in runs]
+    return [
+        Row(f"{case}_filtered_rms_m", None, statistics.rms(np.array(filtered)), "m"),
+        Row(f"{case}_smoothed_rms_m", None, statistics.rms(np.array(later)), "m"),
+        Row(f"{case}_smoothed_nees", None, statistics.nees([r.smoothed for r in runs], 0), "1"),
+    ]
 
 
 def _consistency(case: str, passages: Sequence[Passage]) -> list[Row]:

@@ -16,7 +16,7 @@ from gateway.nav.lie import exp_so3
 from gateway.studies import bound, errors, figures, statistics, voyage
 from gateway.studies.errors import Measured
 from gateway.studies.montecarlo import Workers
-from gateway.studies.passage import EAST, NORTH, Choices, Passage, configured, sail
+from gateway.studies.passage import EAST, NORTH, Choices, Passage, configured, sail, smoothed
 from gateway.studies.statistics import Interval
 from gateway.studies.table import Row, Study
 from gateway.studies.voyage import EPOCH_S, Voyage
@@ -48,6 +48,8 @@ class Run:
         (k, 3) errors in NED (m) of single fixes.
     mistuned
         The tight filter that is told half the noise of the angles.
+    smoothed
+        The tight one, looked back upon.
     """
 
     inertial: Passage
@@ -56,6 +58,7 @@ class Run:
     traditional: Passage
     usbl: Array
     mistuned: Passage
+    smoothed: Passage
 
 
 def run(runs: int, workers: Workers) -> Study:
@@ -85,6 +88,10 @@ def run(runs: int, workers: Workers) -> Study:
         Row("bound_ratio", None, Interval(*(x / least_m for x in attained)), "1"),
         Row("nees", None, statistics.nees(of_tight, SETTLED), "1"),
         Row("nis", None, statistics.nis(of_tight), "1"),
+        Row(
+            "smoothed_horizontal_rms_both_m", None, _horizontal([r.smoothed for r in of_both]), "m"
+        ),
+        Row("smoothed_nees", None, statistics.nees([r.smoothed for r in of_both], SETTLED), "1"),
         Row("mistuned_nees", None, statistics.nees(mistuned, SETTLED), "1"),
         Row("mistuned_nis", None, statistics.nis(mistuned), "1"),
     ]
@@ -123,6 +130,7 @@ def one(of: Voyage, seed: int) -> Run:
         ),
         usbl=usbl_alone(of, measured, inertial),
         mistuned=sail(of, measured, configured(with_half_the_noise(of.config), measured)),
+        smoothed=smoothed(of, measured),
     )
 
 
