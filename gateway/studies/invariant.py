@@ -123,8 +123,9 @@ def with_attitude_errors(scenario: Scenario, level_deg: float, heading_deg: floa
 def _study(name: str, of: Voyage, fleets: Sequence[Fleet], more: Sequence[Row] = ()) -> Study:
     """The table of all filters on one voyage, and the bound."""
     rows: list[Row] = []
+    settled_fixes = int(np.searchsorted(of.replies.t_ns, SETTLED * EPOCH_S * 1e9))
     for filter_name in fleets[0]:
-        rows += _rows(filter_name, [fleet[filter_name] for fleet in fleets])
+        rows += _rows(filter_name, [fleet[filter_name] for fleet in fleets], settled_fixes)
     least = bound.along_truth(of)
     return Study(
         name,
@@ -137,8 +138,11 @@ def _study(name: str, of: Voyage, fleets: Sequence[Fleet], more: Sequence[Row] =
     )
 
 
-def _rows(name: str, passages: Sequence[Passage]) -> list[Row]:
-    """The rows of one filter; runs that diverged are counted, not averaged."""
+def _rows(name: str, passages: Sequence[Passage], settled_fixes: int) -> list[Row]:
+    """The rows of one filter; runs that diverged are counted, not averaged.
+
+    NIS begins at fix `settled_fixes`: until the first attitude is found innovations are not linear.
+    """
     lost = _lost(passages)
     kept = [p for p, d in zip(passages, lost, strict=True) if not d]
     none = Interval(float("nan"), float("nan"), float("nan"))
@@ -150,6 +154,7 @@ def _rows(name: str, passages: Sequence[Passage]) -> list[Row]:
         ),
         Row(f"{name}_diverged", None, statistics.count(lost), "runs"),
         Row(f"{name}_nees", None, statistics.nees(kept, SETTLED) if kept else none, "1"),
+        Row(f"{name}_nis", None, statistics.nis(kept, settled_fixes) if kept else none, "1"),
     ]
 
 

@@ -1,5 +1,6 @@
 """Runs in parallel: processes of this machine, or a cluster through dask, with a progress bar."""
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -35,7 +36,9 @@ class Workers:
     def map(self, run: Callable[..., R], shared: tuple[Any, ...], runs: int, title: str) -> list[R]:
         """Give ``[run(*shared, seed) for seed in range(runs)]``, with a progress bar."""
         calls = (joblib.delayed(run)(*shared, seed) for seed in range(runs))
-        with self._backend(shared), _bar(title, runs) as step:
+        with self._backend(shared), _bar(title, runs) as step, warnings.catch_warnings():
+            # A process that has grown is replaced, which loses nothing.
+            warnings.filterwarnings("ignore", "A worker stopped while some jobs")
             results = []
             for result in joblib.Parallel(n_jobs=self.jobs, return_as="generator")(calls):
                 results.append(result)

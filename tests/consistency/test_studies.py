@@ -113,6 +113,7 @@ def test_invariant_small() -> None:
         assert max(rows[f"{name}_{axis}_m"].value for axis in POSE_AXES) <= 0.70
         assert rows[f"{name}_diverged"].value == 0
         assert inside(rows[f"{name}_nees"])
+        assert inside(rows[f"{name}_nis"])
 
 
 @pytest.mark.slow
@@ -121,6 +122,7 @@ def test_invariant_large() -> None:
     rows, small = study("invariant-large"), study("invariant-small")
     assert rows["right_invariant_diverged"].value == 0
     assert inside(rows["right_invariant_nees"])
+    assert inside(rows["right_invariant_nis"])
     for what in ("heading_deg", *(f"{axis}_m" for axis in POSE_AXES)):
         name = f"right_invariant_{what}"
         assert rows[name].value <= 1.15 * small[name].value
@@ -139,3 +141,4 @@ def test_invariant_semi() -> None:
         assert rows[f"tight_gain_{axis}_percent"].value > 0.0
     assert rows["right_invariant_diverged"].value == rows["loose_diverged"].value == 0
     assert inside(rows["right_invariant_nees"])
+    assert inside(rows["right_invariant_nis"])
