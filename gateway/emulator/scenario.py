@@ -85,13 +85,18 @@ class Sway(_Block, frozen=True):
 
 
 class _Track(_Block, frozen=True, kw_only=True):
-    """``ramp_s``: time to reach the speed from rest; 0 starts under way."""
+    """Where a vehicle goes.
+
+    ``ramp_s``: time to reach the speed from rest; 0 starts under way. ``descent``: metres down for
+    each metre of way, the vehicle staying level: a circle becomes a spiral.
+    """
 
     lat_deg: Latitude
     lon_deg: Longitude
     height_m: float = 0.0
     speed_m_s: NonNegative
     ramp_s: NonNegative = 0.0
+    descent: float = 0.0
     sway: Sway = Sway()
 
 

@@ -117,11 +117,11 @@ class Trajectory:
         course = np.arctan2(dr[:, 1], dr[:, 0])
         v = dr * ds[:, None]
         a = ddr * (ds**2)[:, None] + dr * dds[:, None]
-        level = np.zeros((t.size, 1))
+        descent = self._track.descent
         return _Motion(
-            np.hstack([r, level]) + to_and_fro[0],
-            np.hstack([v, level]) + to_and_fro[1],
-            np.hstack([a, level]) + to_and_fro[2],
+            np.column_stack([r, descent * s]) + to_and_fro[0],
+            np.column_stack([v, descent * ds]) + to_and_fro[1],
+            np.column_stack([a, descent * dds]) + to_and_fro[2],
             np.column_stack([roll, pitch, course + yaw]),
             np.column_stack([droll, dpitch, course_rate + dyaw]),
         )

@@ -46,12 +46,15 @@ def test_what_falls_falls_with_the_earths_gravity(lat_deg, lon_deg, h):
 # --- the mean against exact increments of analytic motion ------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["circle", "line"])
+CHANGES = {"circle": {}, "line": {"course_deg": 80.0}, "spiral": {"descent": 0.2}}
+
+
+@pytest.mark.parametrize("kind", CHANGES)
 @pytest.mark.parametrize("lat_deg", [0.0, 45.0, 75.0, -34.0])
 def test_exact_increments_lead_along_the_truth(kind, lat_deg):
     """1000 s at 100 Hz in a seaway of 5 deg, the line across the antimeridian."""
-    changes = {"course_deg": 80.0} if kind == "line" else {}
-    truth = trajectory(kind, 1000.0, lat_deg=lat_deg, lon_deg=179.9995, **changes)
+    track = "line" if kind == "line" else "circle"
+    truth = trajectory(track, 1000.0, lat_deg=lat_deg, lon_deg=179.9995, **CHANGES[kind])
     state = true_state(truth, 0.0)
     run(state, perfect_rows(truth, 1000.0, 100.0))
     end = true_state(truth, 1000.0)
