@@ -69,14 +69,14 @@ async def test_stopped_half_way_it_leaves_nothing_running(how: str, tmp_path: Pa
 
     asyncio.get_running_loop().add_reader(near, look)
     try:
-        await asyncio.wait_for(shown.wait(), 30)
+        await asyncio.wait_for(shown.wait(), 90)
         family = descendants(demo.pid)
         assert len(family) == 3  # the gateway, its filter, the emulator
         if how == "Ctrl-C":
             os.write(near, b"\x03")
         else:
             demo.send_signal(signal.SIGTERM)
-        assert await asyncio.wait_for(demo.wait(), 10) == (130 if how == "Ctrl-C" else 1)
+        assert await asyncio.wait_for(demo.wait(), 30) == (130 if how == "Ctrl-C" else 1)
     finally:
         asyncio.get_running_loop().remove_reader(near)
         with suppress(ProcessLookupError):
