@@ -30,7 +30,7 @@ async def test_it_ends_with_its_error_against_the_truth() -> None:
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,
     )
-    out, err = await asyncio.wait_for(demo.communicate(), 60)
+    out, err = await asyncio.wait_for(demo.communicate(), 120)
     assert (demo.returncode, err) == (0, b"")
     *lines, last = out.decode().splitlines()
     summary = SUMMARY.fullmatch(last)

@@ -76,4 +76,4 @@ def run_until(command: str, sign: str, clone: Path, environment: dict[str, str])
         finally:
             process.send_signal(signal.SIGTERM)
         process.stderr.read()
-        assert process.wait(10) == 0, command
+        assert process.wait(30) == 0, command
