@@ -8,7 +8,7 @@ import msgspec
 
 from drivers.records import Record, Rejected
 
-Kind = Literal["imu", "usbl", "gnss", "depth", "dvl", "heading", "any"]
+Kind = Literal["imu", "usbl", "lbl", "gnss", "depth", "dvl", "heading", "any"]
 
 
 class Decoder(Protocol):

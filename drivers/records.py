@@ -9,6 +9,7 @@ Arrival
 ``t_rx_ns`` is the host's monotonic stamp of the chunk that holds the frame's *first* byte, and
 ``line_bytes`` the number of bytes from that first byte to the chunk's end. On a serial line the
 first byte came ``line_bytes`` byte-times before the stamp; on a packet link it came with the stamp.
+Where the instrument itself says how old its measurement was when it spoke, ``age_s`` holds that.
 """
 
 from typing import Literal
@@ -27,7 +28,13 @@ class Arrival(msgspec.Struct, frozen=True, kw_only=True):
     line_bytes: int = 0
 
 
-class ImuRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="imu"):
+class Measured(Arrival, frozen=True, kw_only=True):
+    """A measurement; ``age_s`` from the moment it was true to the frame's first byte, if told."""
+
+    age_s: float | UnsetType = UNSET
+
+
+class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="imu"):
     """One sample of an inertial measurement unit, in the sensor's own axes.
 
     Exactly one of ``rate_rad_s`` / ``delta_angle_rad`` and exactly one of ``specific_force_m_s2`` /
@@ -46,7 +53,7 @@ class ImuRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="imu
     magnetic_gauss: tuple[Literal["x", "y", "z"], float] | UnsetType = UNSET
 
 
-class UsblRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
+class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
     """One acoustic fix: a beacon seen from the array (x forward, y starboard, z down).
 
     ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` =
@@ -70,16 +77,40 @@ class UsblRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="us
     depth_m: float | UnsetType = UNSET
 
 
-class GnssRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="gnss"):
-    """What one sentence of a satellite receiver says: GGA a position, RMC velocity as well.
+class LblReply(msgspec.Struct, frozen=True, kw_only=True):
+    """What one transponder's reply says: the sound's way to it in time or in metres, or its rate.
+
+    ``one_way_s`` is half the way there and back, without the transponder's own delay;
+    ``range_rate_m_s`` is positive when the distance grows.
+    """
+
+    beacon: str
+    one_way_s: float | None = None
+    range_m: float | None = None
+    range_rate_m_s: float | None = None
+
+
+class LblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="lbl"):
+    """The replies to one interrogation of a long baseline; who did not answer is not in it.
+
+    ``t_ping_s`` is when the interrogation left, by the instrument's own clock.
+    """
+
+    replies: tuple[LblReply, ...]
+    t_ping_s: float | None = None
+    valid: bool = True
+
+
+class GnssRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="gnss"):
+    """What one sentence of a satellite receiver says: a position, a velocity, or both.
 
     ``height_m`` is the antenna's height above the WGS84 ellipsoid, ``geoid_m`` the geoid's;
     speed and true course are over ground, ``t_device_s`` is the second of the UTC day. What a
     sentence does not carry, or leaves empty, is None. ``valid`` says that the receiver measured:
-    what it estimates, simulates or was told is not.
+    what it estimates, simulates or was told is not. A block of binary data has no ``sentence``.
     """
 
-    sentence: Literal["GGA", "RMC"]
+    sentence: Literal["GGA", "GNS", "RMC", "VTG"] | None = None
     valid: bool
     t_device_s: float | None = None
     lat_deg: float | None = None
@@ -92,6 +123,65 @@ class GnssRecord(Arrival, frozen=True, kw_only=True, tag_field="record", tag="gn
     mode: str | None = None
     satellites: int | None = None
     hdop: float | None = None
+    sd_m: Vec3 | UnsetType = UNSET
+    """1-sigma north, east, down."""
+
+
+class DepthRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="depth"):
+    """How deep a sensor is below the surface, how high above the bottom, or both.
+
+    ``pressure_pa`` is absolute, as measured; ``depth_m`` what the instrument or the codec's options
+    made of it.
+    """
+
+    depth_m: float | None = None
+    altitude_m: float | UnsetType = UNSET
+    pressure_pa: float | UnsetType = UNSET
+    temperature_c: float | UnsetType = UNSET
+    t_device_s: float | None = None
+    valid: bool = True
+    sd_m: float | UnsetType = UNSET
+
+
+class DvlRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="dvl"):
+    """One ping of a Doppler log: velocity over the bottom, forward, starboard, down.
+
+    ``axes`` says what the components refer to: the instrument's own axes, the same levelled by its
+    own tilt sensors, or north/east/down. Without bottom lock ``velocity_m_s`` is None and the
+    record is not ``valid``.
+    """
+
+    velocity_m_s: Vec3 | None = None
+    axes: Literal["sensor", "level", "north"] = "sensor"
+    t_device_s: float | None = None
+    valid: bool = True
+    error_code: str | None = None
+    altitude_m: float | None = None
+    sd_m_s: Vec3 | UnsetType = UNSET
+    error_velocity_m_s: float | UnsetType = UNSET
+    water_velocity_m_s: Vec3 | UnsetType = UNSET
+    sound_speed_m_s: float | UnsetType = UNSET
+    """What the instrument took the speed of sound at its face to be."""
+
+
+class HeadingRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="heading"):
+    """Heading clockwise from north; roll positive starboard down, pitch positive bow up."""
+
+    heading_deg: float | None = None
+    reference: Literal["true", "magnetic"] = "true"
+    roll_deg: float | None = None
+    pitch_deg: float | None = None
+    t_device_s: float | None = None
+    valid: bool = True
+    sd_deg: float | UnsetType = UNSET
+    """1-sigma of the heading."""
+
+
+class TimeRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="time"):
+    """The time of day with its date, as the instrument's clock has it: ``unix_s``, UTC."""
+
+    unix_s: float
+    valid: bool = True
 
 
 class DeviceStatus(Arrival, frozen=True, kw_only=True, tag_field="record", tag="status"):
@@ -116,7 +206,18 @@ class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="reje
     data: bytes = msgspec.field(name="bytes")
 
 
-Record = ImuRecord | UsblRecord | GnssRecord | DeviceStatus | NmeaSentence
+Record = (
+    ImuRecord
+    | UsblRecord
+    | LblRecord
+    | GnssRecord
+    | DepthRecord
+    | DvlRecord
+    | HeadingRecord
+    | TimeRecord
+    | DeviceStatus
+    | NmeaSentence
+)
 
 
 def to_json(record: Record | Rejected) -> bytes:

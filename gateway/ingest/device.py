@@ -3,7 +3,9 @@
 from collections import Counter
 from dataclasses import dataclass, field
 
-from drivers.records import Record, Rejected
+from msgspec import UNSET
+
+from drivers.records import Measured, Record, Rejected
 from drivers.settings import Link, SerialLink
 
 BITS_PER_BYTE = 10
@@ -41,6 +43,8 @@ class DeviceIngest:
         self.counts.records += 1
         return True
 
-    def _left_instrument_ns(self, record: Record) -> int:
-        """When the frame's first byte left the instrument, less the declared latency."""
-        return record.t_rx_ns - round(record.line_bytes * self._byte_ns) - self._latency_ns
+    def _left_instrument_ns(self, record: Measured) -> int:
+        """When the frame's first byte left, less the age the record tells and the latency."""
+        age_ns = 0 if record.age_s is UNSET else round(record.age_s * 1e9)
+        line_ns = round(record.line_bytes * self._byte_ns)
+        return record.t_rx_ns - line_ns - age_ns - self._latency_ns

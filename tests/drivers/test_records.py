@@ -2,7 +2,7 @@
 
 import json
 
-from drivers.records import ImuRecord, Rejected, UsblRecord, to_json
+from drivers.records import DvlRecord, ImuRecord, LblRecord, LblReply, Rejected, UsblRecord, to_json
 
 
 def test_rejected_bytes_print_as_hex() -> None:
@@ -33,3 +33,19 @@ def test_usbl_prints_null_for_what_is_missing() -> None:
     assert said["bearing_deg"] == -0.1
     assert said["xyz_m"] is None
     assert "lat_deg" not in said
+
+
+def test_a_log_without_bottom_lock_prints_no_velocity() -> None:
+    said = json.loads(to_json(DvlRecord(t_rx_ns=0, valid=False, age_s=0.25)))
+    assert (said["record"], said["axes"], said["velocity_m_s"]) == ("dvl", "sensor", None)
+    assert (said["valid"], said["age_s"]) == (False, 0.25)
+    assert "sd_m_s" not in said
+
+
+def test_replies_of_a_long_baseline_print_as_objects() -> None:
+    reply = LblReply(beacon="B", one_way_s=0.125)
+    said = json.loads(to_json(LblRecord(t_rx_ns=0, t_ping_s=10.5, replies=(reply,))))
+    assert (said["record"], said["t_ping_s"]) == ("lbl", 10.5)
+    assert said["replies"] == [
+        {"beacon": "B", "one_way_s": 0.125, "range_m": None, "range_rate_m_s": None}
+    ]

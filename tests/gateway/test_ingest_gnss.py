@@ -51,6 +51,13 @@ def test_gga_is_the_position_and_rmc_the_velocity():
     assert ingest.counts.measurements == 2
 
 
+def test_an_age_that_the_receiver_tells_comes_off_as_well():
+    ingest = receiver(clock={"latency_ms": 100})
+    ingest.take(gga(age_s=0.25))
+    (place,) = ingest.flush()
+    assert place.t_ns == T0 - 350_000_000
+
+
 def test_a_height_that_is_not_known_stays_unknown():
     ingest = receiver()
     ingest.take(gga(height_m=None))
