@@ -32,6 +32,25 @@ class NoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
+class Counting:
+    """What an instrument's counts mean, which its frames cannot say.
+
+    Attributes
+    ----------
+    sequence_modulus
+        ``sequence`` is 0 .. modulus-1; None where the frames are not counted.
+    sequence_s
+        Seconds from one count to the next; None where it counts the frames themselves.
+    time_modulus_s
+        ``t_device_s`` begins anew at 0 when it gets there; None if it never does.
+    """
+
+    sequence_modulus: int | None = None
+    sequence_s: float | None = None
+    time_modulus_s: float | None = None
+
+
+@dataclass(frozen=True)
 class Codec:
     """A wire format: data, not a class to derive from.
 
@@ -43,6 +62,8 @@ class Codec:
         Makes a fresh decoder for an instance of `options`.
     encode
         Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it.
+    counting
+        How its sequence numbers and its time run.
     """
 
     name: str
@@ -51,3 +72,4 @@ class Codec:
     options: type[msgspec.Struct]
     decoder: Callable[[Any], Decoder]
     encode: Callable[[Any, Any], bytes]
+    counting: Counting = Counting()

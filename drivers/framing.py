@@ -1,12 +1,13 @@
-"""Finding frames in a stream: one bounded buffer, and on it sync-word frames and text lines.
+"""Finding frames in a stream: one bounded buffer, and on it frames of bytes and lines of text.
 
 Every byte ends in exactly one record, and the records do not depend on how the stream was cut into
 chunks. A candidate that fails its check costs one byte: its declared length is not believed, so
 good frames behind it are found.
 """
 
+import re
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from drivers.records import Reason, Record, Rejected
 
@@ -30,13 +31,14 @@ class FrameBuffer:
     def __init__(self) -> None:
         self._data = bytearray()
         self._start = 0
+        self._judged = 0
         self._chunks: deque[tuple[int, int]] = deque()
         self._junk = 0
         self._reason: Reason = "unknown"
         self._found: Found = []
 
     def __len__(self) -> int:
-        return len(self._data)
+        return len(self._data) - self._judged
 
     def push(self, data: bytes, t_rx_ns: int) -> None:
         """Append one chunk with its receive stamp."""
@@ -46,19 +48,22 @@ class FrameBuffer:
 
     def ahead(self) -> bytes:
         """Give the bytes not judged yet: those behind the run of junk."""
-        return bytes(self._data[self._junk :])
+        return bytes(self._data[self._judged + self._junk :])
 
     def arrival(self, offset: int = 0) -> tuple[int, int]:
         """``t_rx_ns`` and ``line_bytes`` of the byte at `offset` of `ahead`."""
-        at = self._start + self._junk + offset
-        end, t_rx_ns = next(chunk for chunk in self._chunks if chunk[0] > at)
-        return t_rx_ns, end - at
+        at = self._start + self._judged + self._junk + offset
+        for end, t_rx_ns in self._chunks:
+            if end > at:
+                return t_rx_ns, end - at
+        raise IndexError(offset)
 
-    def accept(self, length: int, record: Record | Rejected) -> None:
-        """The next `length` bytes are `record`."""
-        self.flush()
+    def accept(self, length: int, records: Iterable[Record | Rejected]) -> None:
+        """The next `length` bytes are `records`."""
+        if self._junk:
+            self.flush()
         self._drop(length)
-        self._found.append(record)
+        self._found += records
 
     def begin(self, length: int, reason: Reason) -> None:
         """The next `length` bytes are junk of a run of their own."""
@@ -86,46 +91,48 @@ class FrameBuffer:
                 t_rx_ns=t_rx_ns,
                 line_bytes=line_bytes,
                 reason=self._reason,
-                data=bytes(self._data[:length]),
+                data=bytes(self._data[self._judged : self._judged + length]),
             )
         )
         self._reason = "unknown"
         self._drop(length)
 
     def take(self) -> Found:
-        """Hand over what was found since the last call, in the order of its bytes."""
+        """Hand over what was found since the last call, in the order of its bytes; forget these."""
         found, self._found = self._found, []
+        del self._data[: self._judged]
+        self._start += self._judged
+        self._judged = 0
         return found
 
     def _drop(self, length: int) -> None:
-        del self._data[:length]
-        self._start += length
-        while self._chunks and self._chunks[0][0] <= self._start:
+        self._judged += length
+        while self._chunks and self._chunks[0][0] <= self._start + self._judged:
             self._chunks.popleft()
 
 
 class SyncDecoder:
-    """Frames that begin with a sync word and tell their length early.
+    """Frames that begin in a way to be known again and tell their length early.
 
     Parameters
     ----------
-    prefix
-        The bytes every frame of the format begins with.
+    prefixes
+        The bytes a frame of the format may begin with; an empty one where any byte will do.
     measure
-        ``(data, at) -> length`` of the frame whose prefix stands at `at`; 0 if that is no frame,
-        None if more bytes must come before it can be told.
+        ``(data, at) -> length`` of the frame that begins at `at`; 0 if that is no frame, None if
+        more bytes must come before it can be told.
     decode
-        ``(frame, t_rx_ns, line_bytes)`` -> the record (or why a frame that holds is rejected);
-        None if its check failed.
+        ``(frame, t_rx_ns, line_bytes)`` -> what the frame holds (or why it is rejected, if its
+        check does hold), at least one record; None if its check failed.
     """
 
     def __init__(
         self,
-        prefix: bytes,
+        prefixes: Sequence[bytes],
         measure: Callable[[bytes, int], int | None],
-        decode: Callable[[bytes, int, int], Record | Rejected | None],
+        decode: Callable[[bytes, int, int], Sequence[Record | Rejected] | None],
     ) -> None:
-        self._prefix = prefix
+        self._candidate = re.compile(b"|".join(map(_prefix_pattern, prefixes)), re.DOTALL).search
         self._measure = measure
         self._decode = decode
         self._buffer = FrameBuffer()
@@ -134,9 +141,9 @@ class SyncDecoder:
         """Take one chunk; give the records it completes."""
         # The usual datagram is one whole frame: no copy, no bookkeeping.
         if not self._buffer and self._measure(data, 0) == len(data):
-            record = self._decode(data, t_rx_ns, len(data))
-            if record is not None:
-                return (record,)
+            records = self._decode(data, t_rx_ns, len(data))
+            if records is not None:
+                return records
         self._buffer.push(data, t_rx_ns)
         return self._drain(final=False)
 
@@ -157,7 +164,8 @@ class SyncDecoder:
 
     def _step(self, data: bytes, at: int, *, final: bool) -> int:
         """Judge the bytes at `at`; give how many, 0 if more must come first."""
-        start = self._candidate(data, at)
+        candidate = self._candidate(data, at)
+        start = candidate.start() if candidate else len(data)
         if start > at:
             self._buffer.extend(start - at)
             return start - at
@@ -170,22 +178,21 @@ class SyncDecoder:
         if not length:
             self._buffer.extend(1)
             return 1
-        record = self._decode(data[at : at + length], *self._buffer.arrival())
-        if record is None:
+        records = self._decode(data[at : at + length], *self._buffer.arrival())
+        if records is None:
             self._buffer.begin(1, "checksum")
             return 1
-        self._buffer.accept(length, record)
+        self._buffer.accept(length, records)
         return length
 
-    def _candidate(self, data: bytes, at: int) -> int:
-        """Where the next prefix stands, or where the data may end in the first bytes of one."""
-        start = data.find(self._prefix, at)
-        if start >= 0:
-            return start
-        for tail in range(min(len(self._prefix) - 1, len(data) - at), 0, -1):
-            if data.endswith(self._prefix[:tail]):
-                return len(data) - tail
-        return len(data)
+
+def _prefix_pattern(prefix: bytes) -> bytes:
+    """Pattern of a prefix, or of its first bytes where the data end in them."""
+    pattern = b""
+    for place in reversed(range(len(prefix))):
+        more = b"(?:" + pattern + rb"|\Z)" if pattern else b""
+        pattern = re.escape(prefix[place : place + 1]) + more
+    return pattern
 
 
 class LineDecoder:
@@ -260,7 +267,7 @@ class LineDecoder:
             result = self._read(content[start:], start)
             if not isinstance(result, str):
                 self._reject(start, reason or "unknown")
-                self._buffer.accept(len(line) - start, result)
+                self._buffer.accept(len(line) - start, (result,))
                 break
             reason = reason or result
         else:

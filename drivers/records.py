@@ -39,7 +39,8 @@ class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="im
 
     Exactly one of ``rate_rad_s`` / ``delta_angle_rad`` and exactly one of ``specific_force_m_s2`` /
     ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the
-    interval it covers is a question of clocks.
+    interval it covers is a question of clocks; ``interval_s`` is set where the frame says it. A
+    sample that lacks rotation or acceleration is not ``valid``.
     """
 
     sequence: int | None = None
@@ -49,8 +50,25 @@ class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="im
     delta_angle_rad: Vec3 | UnsetType = UNSET
     specific_force_m_s2: Vec3 | UnsetType = UNSET
     delta_velocity_m_s: Vec3 | UnsetType = UNSET
+    interval_s: float | UnsetType = UNSET
     temperature_c: float | None = None
     magnetic_gauss: tuple[Literal["x", "y", "z"], float] | UnsetType = UNSET
+
+
+class CompensatedRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="compensated"):
+    """What an instrument's own filter left of an inertial sample, in its own axes.
+
+    Its estimates of bias, the Earth's rotation and gravity are gone from it, so that it says how
+    the vehicle moves over the Earth: for looking at, never for a strapdown.
+    """
+
+    sequence: int | None = None
+    t_device_s: float | None = None
+    valid: bool = True
+    rate_rad_s: Vec3 | UnsetType = UNSET
+    delta_angle_rad: Vec3 | UnsetType = UNSET
+    acceleration_m_s2: Vec3 | UnsetType = UNSET
+    delta_velocity_m_s: Vec3 | UnsetType = UNSET
 
 
 class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
@@ -199,6 +217,13 @@ class NmeaSentence(Arrival, frozen=True, kw_only=True, tag_field="record", tag="
     fields: tuple[str, ...]
 
 
+class OtherFrame(Arrival, frozen=True, kw_only=True, tag_field="record", tag="other"):
+    """A frame whose check holds and of which nothing here makes use; ``name`` as its maker's."""
+
+    name: str
+    data: bytes = msgspec.field(name="bytes")
+
+
 class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="rejected"):
     """Bytes that made no record, and why. Nothing that arrives is dropped without one of these."""
 
@@ -208,6 +233,7 @@ class Rejected(Arrival, frozen=True, kw_only=True, tag_field="record", tag="reje
 
 Record = (
     ImuRecord
+    | CompensatedRecord
     | UsblRecord
     | LblRecord
     | GnssRecord
@@ -217,13 +243,15 @@ Record = (
     | TimeRecord
     | DeviceStatus
     | NmeaSentence
+    | OtherFrame
 )
 
 
 def to_json(record: Record | Rejected) -> bytes:
-    """Write a record as one line of JSON (no newline); rejected bytes are printed as hex."""
-    if not isinstance(record, Rejected):
+    """Write a record as one line of JSON (no newline); bytes are printed as hex."""
+    if not isinstance(record, Rejected | OtherFrame):
         return msgspec.json.encode(record)
     fields = msgspec.structs.asdict(record)
     raw = fields.pop("data").hex()
-    return msgspec.json.encode({"record": "rejected", **fields, "bytes": raw})
+    tag = record.__struct_config__.tag
+    return msgspec.json.encode({"record": tag, **fields, "bytes": raw})

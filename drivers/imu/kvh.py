@@ -29,7 +29,7 @@ import msgspec
 from msgspec import UNSET
 
 from drivers.checksums import crc32_mpeg2, crc32_mpeg2_holds, sum8
-from drivers.codec import Codec, Decoder
+from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
 from drivers.records import DeviceStatus, ImuRecord, Record, Rejected, Vec3
 
@@ -91,7 +91,7 @@ class KvhOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def decoder(options: KvhOptions) -> Decoder:
     """Make a decoder of one unit's stream."""
-    return SyncDecoder(b"\xfe\x81", _measure, _frame_reader(options))
+    return SyncDecoder((b"\xfe\x81",), _measure, _frame_reader(options))
 
 
 def encode(record: Record, options: KvhOptions) -> bytes:
@@ -134,14 +134,14 @@ _UNPACK = {0x55: _unpack_a, 0x56: _unpack_b, 0x57: _unpack_c}
 
 def _frame_reader(
     options: KvhOptions,
-) -> Callable[[bytes, int, int], Record | Rejected | None]:
+) -> Callable[[bytes, int, int], tuple[Record | Rejected] | None]:
     """Bind the options once: what this gives runs for every frame, at up to 5 kHz."""
     gyro_scale, accel_scale = options.gyro_scale, options.accel_scale
     gyro_bound, accel_bound = (RATE_MAX / gyro_scale) ** 2, (ACCEL_MAX / accel_scale) ** 2
     zero, span = options.temperature_zero_span
     increment, force = options.gyro.startswith("delta_angle"), options.accel == "g"
 
-    def read(frame: bytes, t_rx_ns: int, line_bytes: int) -> Record | Rejected | None:
+    def read(frame: bytes, t_rx_ns: int, line_bytes: int) -> tuple[Record | Rejected] | None:
         kind = frame[3]
         if kind not in _UNPACK:
             return _decode_test(frame, t_rx_ns, line_bytes)
@@ -158,7 +158,7 @@ def _frame_reader(
         gyro = gx * gyro_scale, gy * gyro_scale, gz * gyro_scale
         accel = ax * accel_scale, ay * accel_scale, az * accel_scale
         axis = _MAGNETIC.get(sequence % 4) if kind == 0x57 else None
-        return ImuRecord(
+        record = ImuRecord(
             t_rx_ns=t_rx_ns,
             line_bytes=line_bytes,
             sequence=sequence,
@@ -171,6 +171,7 @@ def _frame_reader(
             temperature_c=None if axis else (extra - zero) / span,
             magnetic_gauss=(axis, extra) if axis else UNSET,
         )
+        return (record,)
 
     return read
 
@@ -205,15 +206,17 @@ def _quantities(record: ImuRecord, options: KvhOptions) -> tuple[Vec3, Vec3]:
     return gyro, accel
 
 
-def _out_of_range(frame: bytes, t_rx_ns: int, line_bytes: int) -> Rejected:
-    return Rejected(t_rx_ns=t_rx_ns, line_bytes=line_bytes, reason="range", data=frame)
+def _out_of_range(frame: bytes, t_rx_ns: int, line_bytes: int) -> tuple[Rejected]:
+    return (Rejected(t_rx_ns=t_rx_ns, line_bytes=line_bytes, reason="range", data=frame),)
 
 
 def _test_name(byte: int, bit: int) -> str:
     return _TESTS.get((byte, bit), f"byte {byte} bit {bit}")
 
 
-def _decode_test(frame: bytes, t_rx_ns: int, line_bytes: int) -> DeviceStatus | Rejected | None:
+def _decode_test(
+    frame: bytes, t_rx_ns: int, line_bytes: int
+) -> tuple[DeviceStatus | Rejected] | None:
     results = frame[4:-1]
     if sum8(frame[:-1]) != frame[-1]:
         return None
@@ -225,7 +228,8 @@ def _decode_test(frame: bytes, t_rx_ns: int, line_bytes: int) -> DeviceStatus | 
         for bit in range(7)
         if not result >> bit & 1
     )
-    return DeviceStatus(t_rx_ns=t_rx_ns, line_bytes=line_bytes, healthy=not failed, failed=failed)
+    status = DeviceStatus(t_rx_ns=t_rx_ns, line_bytes=line_bytes, healthy=not failed, failed=failed)
+    return (status,)
 
 
 def _encode_test(status: DeviceStatus) -> bytes:
@@ -248,4 +252,5 @@ KVH1750 = Codec(
     options=KvhOptions,
     decoder=decoder,
     encode=encode,
+    counting=Counting(sequence_modulus=128, time_modulus_s=2**32 * 1e-6),
 )

@@ -2,7 +2,8 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable
-from itertools import accumulate, pairwise
+from itertools import accumulate, groupby, pairwise
+from operator import itemgetter
 
 import msgspec
 
@@ -108,16 +109,18 @@ def run(name: str, chunks: Iterable[bytes]) -> list[Record | Rejected]:
 
 
 def check_tiling(name: str, chunks: list[bytes], records: list[Record | Rejected]) -> None:
-    """Every byte is in exactly one record, and each record says rightly when its first one came."""
+    """Every byte is in exactly one frame, and each record says rightly when its first one came."""
     stream = b"".join(chunks)
     ends = list(accumulate(map(len, chunks)))
     starts = [ends[record.t_rx_ns] - record.line_bytes for record in records]
     assert [bisect_right(ends, start) for start in starts] == [r.t_rx_ns for r in records]
-    bounds = [*starts, len(stream)]
+    frames = groupby(zip(starts, records, strict=True), itemgetter(0))
+    contents = {start: [record for _, record in held] for start, held in frames}
+    bounds = [*contents, len(stream)]
     assert bounds[0] == 0 or not records
-    for record, (start, end) in zip(records, pairwise(bounds), strict=True):
+    for held, (start, end) in zip(contents.values(), pairwise(bounds), strict=True):
         assert start < end
-        if isinstance(record, Rejected):
-            assert record.data == stream[start:end]
+        if isinstance(held[0], Rejected):
+            assert [record.data for record in held] == [stream[start:end]]
         else:
-            assert bare([record]) == good(run(name, [stream[start:end]]))
+            assert bare(held) == good(run(name, [stream[start:end]]))

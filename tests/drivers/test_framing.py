@@ -21,10 +21,11 @@ def said(text: str, t_rx_ns: int, line_bytes: int) -> NmeaSentence:
     )
 
 
-def decode_frame(frame: bytes, t_rx_ns: int, line_bytes: int) -> Record | None:
+def decode_frame(frame: bytes, t_rx_ns: int, line_bytes: int) -> tuple[Record, ...] | None:
     if sum(frame[:-1]) % 256 != frame[-1]:
         return None
-    return said(frame[3:-1].decode("latin-1"), t_rx_ns, line_bytes)
+    parts = frame[3:-1].decode("latin-1").split(",")
+    return tuple(said(part, t_rx_ns, line_bytes) for part in parts)
 
 
 def frame(content: bytes) -> bytes:
@@ -33,7 +34,7 @@ def frame(content: bytes) -> bytes:
 
 
 def syncs() -> SyncDecoder:
-    return SyncDecoder(SYNC, measure, decode_frame)
+    return SyncDecoder((SYNC,), measure, decode_frame)
 
 
 def decode_line(text: str, t_rx_ns: int, line_bytes: int) -> Record:
@@ -84,6 +85,37 @@ def test_a_false_length_hides_nothing() -> None:
     false = SYNC + b"\x28"
     found = syncs().feed(false + frame(b"a") + frame(b"b") + bytes(40), 0)
     assert brief(found)[:3] == [("checksum", false), ("ok", "a"), ("ok", "b")]
+
+
+def test_a_frame_of_several_records() -> None:
+    reader = syncs()
+    assert brief(reader.feed(frame(b"a,b"), 0)) == [("ok", "a"), ("ok", "b")]
+    found = list(reader.feed(b"x" + frame(b"a,b") + frame(b"c"), 1))
+    assert brief(found) == [("unknown", b"x"), ("ok", "a"), ("ok", "b"), ("ok", "c")]
+    assert [r.line_bytes for r in found] == [13, 12, 12, 5]
+
+
+def test_frames_that_begin_in_several_ways() -> None:
+    def measure_two(data: bytes, at: int) -> int | None:
+        return measure(data, at) if data[at] == SYNC[0] else 2
+
+    def decode_two(data: bytes, t_rx_ns: int, line_bytes: int) -> tuple[Record, ...] | None:
+        if data[0] == SYNC[0]:
+            return decode_frame(data, t_rx_ns, line_bytes)
+        return (said(data.decode(), t_rx_ns, line_bytes),)
+
+    reader = SyncDecoder((SYNC, b"<>", b"!"), measure_two, decode_two)
+    stream = b"<" + frame(b"a") + b"<>--!?" + SYNC[:1] + b"<" + b"<"
+    found = [record for i, _ in enumerate(stream) for record in reader.feed(stream[i : i + 1], i)]
+    assert brief([*found, *reader.close()]) == [
+        ("unknown", b"<"),
+        ("ok", "a"),
+        ("ok", "<>"),
+        ("unknown", b"--"),
+        ("ok", "!?"),
+        ("unknown", SYNC[:1] + b"<"),
+        ("length", b"<"),
+    ]
 
 
 def test_frame_cut_by_the_end_of_the_stream() -> None:
@@ -171,7 +203,7 @@ def test_buffer_remembers_no_chunk_it_does_not_need() -> None:
     for i in range(1000):
         buffer.push(b"ab", i)
         buffer.push(b"", i)
-        buffer.accept(2, said("", i, 0))
+        buffer.accept(2, (said("", i, 0),))
     assert len(buffer) == 0
     assert len(buffer.take()) == 1000
     assert not buffer._chunks
