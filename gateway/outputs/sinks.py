@@ -10,6 +10,7 @@ import os
 import select
 import socket
 import stat
+from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from functools import partial
@@ -17,7 +18,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from drivers.links.base import LinkLost, reason
+from drivers.links.base import LinkError, reason
 from drivers.links.serial import SerialWriter, open_serial_writer
 from drivers.settings import OutputLink, SerialLink, TcpLink, UdpLink
 from gateway.outputs.background import in_thread
@@ -80,7 +81,7 @@ async def open_sink(settings: OutputLink) -> AsyncIterator[Sink]:
         await asyncio.sleep(0)  # an aborted connection closes its socket on the loop's next turn
 
 
-class _Sink:
+class _Sink(ABC):
     """The counts, the health and the opening again that all sinks share."""
 
     def __init__(self, kind: str, place: str = "") -> None:
@@ -94,13 +95,15 @@ class _Sink:
         self._error = ""
         self._slow = False
 
+    @abstractmethod
     async def open(self) -> None:
         """Make the line ready for `write`; OSError when that cannot be done now."""
 
+    @abstractmethod
     def write(self, data: bytes) -> None:
         """Hand the payload to the operating system without waiting; OSError when it will not go."""
-        raise NotImplementedError
 
+    @abstractmethod
     def close(self) -> None:
         """Give the line back; harmless when it is not open."""
 
@@ -274,7 +277,7 @@ class _SerialSink(_Sink):
         try:
             if not self._writer.write(data):
                 raise BlockingIOError
-        except LinkLost:
+        except LinkError:
             self._lost.set()
             raise
 
