@@ -2,11 +2,11 @@
 
 from contextlib import AbstractAsyncContextManager
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkLost
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError
 from drivers.settings import Link as LinkSettings
 from drivers.settings import SerialLink, UdpLink
 
-__all__ = ["Chunk", "Link", "LinkCounts", "LinkLost", "open_link"]
+__all__ = ["Chunk", "Link", "LinkCounts", "LinkError", "open_link"]
 
 
 def open_link(
@@ -25,7 +25,7 @@ def open_link(
 
     Raises
     ------
-    LinkLost
+    LinkError
         On entering, where the line cannot be opened; while iterating, where it is lost.
     """
     counts = LinkCounts() if counts is None else counts

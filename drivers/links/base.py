@@ -31,7 +31,7 @@ class Chunk(NamedTuple):
     source: str
 
 
-class LinkLost(OSError):  # noqa: N818 - an event of the line, not an error of ours
+class LinkError(OSError):
     """The line is gone or could not be opened: one line that names it and says why."""
 
 
@@ -52,7 +52,7 @@ class LinkCounts:
 
 
 class Link:
-    """An open line: ``async for chunk in link``. What is queued still comes before `LinkLost`.
+    """An open line: ``async for chunk in link``. What is queued still comes before `LinkError`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Link:
         self._limit = limit
         self._queue: deque[Chunk] = deque()
         self._queued = 0
-        self._lost: LinkLost | None = None
+        self._lost: LinkError | None = None
         self._wake = asyncio.Event()
 
     def put(self, chunk: Chunk) -> None:
@@ -88,7 +88,7 @@ class Link:
 
     def lose(self, why: str) -> None:
         """Say that nothing more will come; the reader learns it after what is queued."""
-        self._lost = LinkLost(f"{self.name}: {why}")
+        self._lost = LinkError(f"{self.name}: {why}")
         self._wake.set()
 
     def __aiter__(self) -> Self:

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager, suppress
 
 from serial import Serial
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkLost, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
 from drivers.settings import SerialLink
 
 READ_BYTES = 65_536
@@ -24,7 +24,7 @@ async def open_serial(settings: SerialLink, counts: LinkCounts) -> AsyncIterator
 
     Raises
     ------
-    LinkLost
+    LinkError
         Where the port is absent, held by another program or cannot be set to the line rate.
     """
     port = _open_port(settings)
@@ -87,7 +87,7 @@ class SerialWriter:
 
         Raises
         ------
-        LinkLost
+        LinkError
             Where the port is gone.
         """
         try:
@@ -97,7 +97,7 @@ class SerialWriter:
             self._rest = message
             self._push()
         except OSError as error:
-            raise LinkLost(f"{self.name}: {reason(error)}") from error
+            raise LinkError(f"{self.name}: {reason(error)}") from error
         self.sent += 1
         return True
 
@@ -122,7 +122,7 @@ class SerialWriter:
 
 
 def open_serial_writer(settings: SerialLink) -> SerialWriter:
-    """Open a serial port for output; raises `LinkLost` where that fails."""
+    """Open a serial port for output; raises `LinkError` where that fails."""
     return SerialWriter(settings)
 
 
@@ -132,11 +132,12 @@ def _open_port(settings: SerialLink) -> Serial:
     except OSError as error:
         held = error.errno in (errno.EAGAIN, errno.EBUSY)
         why = "in use by another program" if held else reason(error)
-        raise LinkLost(f"{settings.port}: {why}") from error
+        raise LinkError(f"{settings.port}: {why}") from error
     except termios.error as error:
-        raise LinkLost(f"{settings.port}: not a serial line") from error
+        raise LinkError(f"{settings.port}: not a serial line") from error
     except ValueError as error:
-        raise LinkLost(f"{settings.port}: cannot run at {settings.baud} baud") from error
-    with suppress(OSError, ValueError, NotImplementedError):  # a pty has no such mode
+        raise LinkError(f"{settings.port}: cannot run at {settings.baud} baud") from error
+    # A pty has no such mode (OSError), nor have some adapters (ValueError) and systems.
+    with suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
     return port

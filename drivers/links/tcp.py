@@ -5,7 +5,7 @@ import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkLost, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
 from drivers.links.stamps import ANCILLARY_BYTES, receive_stamp, request_stamps
 from drivers.settings import TcpLink
 
@@ -25,7 +25,7 @@ async def open_tcp(
 
     Raises
     ------
-    LinkLost
+    LinkError
         Where nobody answers in `connect_timeout_s`, or the peer refuses.
     """
     name = f"tcp {settings.host}:{settings.port}"
@@ -34,9 +34,9 @@ async def open_tcp(
         async with asyncio.timeout(connect_timeout_s):
             sock = await _connected_socket(settings)
     except TimeoutError as error:
-        raise LinkLost(f"{name}: no answer in {connect_timeout_s:g} s") from error
+        raise LinkError(f"{name}: no answer in {connect_timeout_s:g} s") from error
     except OSError as error:
-        raise LinkLost(f"{name}: {reason(error)}") from error
+        raise LinkError(f"{name}: {reason(error)}") from error
     link = Link(name, counts)
     loop.add_reader(sock, _reader(sock, link, f"{settings.host}:{settings.port}"))
     try:

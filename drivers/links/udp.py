@@ -10,7 +10,7 @@ from functools import lru_cache
 from ipaddress import ip_address
 from typing import Any
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkLost, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
 from drivers.links.stamps import ANCILLARY_BYTES, dropped_so_far, receive_stamp, request_stamps
 from drivers.settings import UdpLink
 from drivers.sources import source_filter
@@ -28,7 +28,7 @@ async def open_udp(settings: UdpLink, counts: LinkCounts) -> AsyncIterator[Link]
 
     Raises
     ------
-    LinkLost
+    LinkError
         Where the address cannot be bound or the group not joined.
     """
     name = f"udp {settings.group or settings.bind}:{settings.port}"
@@ -38,7 +38,7 @@ async def open_udp(settings: UdpLink, counts: LinkCounts) -> AsyncIterator[Link]
         sock = await _bound_socket(settings)
     except (OSError, ValueError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
-        raise LinkLost(f"{name}: {why}") from error
+        raise LinkError(f"{name}: {why}") from error
     link = Link(name, counts)
     loop.add_reader(sock, _reader(sock, link, admits))
     keeper = loop.create_task(_stay_joined(sock, settings, link)) if settings.group else None

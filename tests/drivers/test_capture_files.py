@@ -20,10 +20,9 @@ def whole(frames: list[bytes], t0_ns: int = T0_NS, step_ns: int = 1_000_000) -> 
 
 
 def read_until_error(path: Path) -> tuple[list[Packet], str]:
-    packets = []
+    packets: list[Packet] = []
     try:
-        for packet in read_packets(path):
-            packets.append(packet)  # noqa: PERF402 - those before the error are wanted
+        packets.extend(read_packets(path))  # keeps those before an error
     except CaptureError as error:
         return packets, str(error)
     return packets, ""

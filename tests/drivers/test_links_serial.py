@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.links import LinkCounts, LinkLost, open_link
+from drivers.links import LinkCounts, LinkError, open_link
 from drivers.links.serial import SerialWriter, open_serial_writer
 from drivers.settings import SerialLink
 
@@ -56,7 +56,7 @@ async def test_a_pulled_cable_is_a_loss_after_the_last_bytes(cable: Cable) -> No
         async with asyncio.timeout(5):
             assert (await anext(link)).data == b"last words"
             cable.pull()
-            with pytest.raises(LinkLost) as lost:
+            with pytest.raises(LinkError) as lost:
                 await anext(link)
     line = str(lost.value)
     assert line.startswith(f"{cable.settings.port}: ")
@@ -65,10 +65,10 @@ async def test_a_pulled_cable_is_a_loss_after_the_last_bytes(cable: Cable) -> No
 
 async def test_nobody_else_may_hold_the_port(cable: Cable) -> None:
     async with open_link(cable.settings):
-        with pytest.raises(LinkLost) as lost:
+        with pytest.raises(LinkError) as lost:
             async with open_link(cable.settings):
                 pass
-        with pytest.raises(LinkLost):
+        with pytest.raises(LinkError):
             open_serial_writer(cable.settings)
     assert str(lost.value) == f"{cable.settings.port}: in use by another program"
     async with open_link(cable.settings):
@@ -76,7 +76,7 @@ async def test_nobody_else_may_hold_the_port(cable: Cable) -> None:
 
 
 async def test_an_absent_port_is_one_clear_line() -> None:
-    with pytest.raises(LinkLost) as lost:
+    with pytest.raises(LinkError) as lost:
         async with open_link(SerialLink(port="/dev/no-such-port")):
             pass
     assert str(lost.value) == "/dev/no-such-port: no such file or directory"
@@ -84,7 +84,7 @@ async def test_an_absent_port_is_one_clear_line() -> None:
 
 @pytest.mark.parametrize("path", [__file__, "/dev/null"])
 async def test_what_is_no_serial_port_is_one_clear_line(path: str) -> None:
-    with pytest.raises(LinkLost) as lost:
+    with pytest.raises(LinkError) as lost:
         async with open_link(SerialLink(port=path)):
             pass
     assert str(lost.value).startswith(f"{path}: ")
@@ -132,5 +132,5 @@ async def test_a_full_line_drops_whole_messages_and_counts_them(
 
 async def test_output_to_a_pulled_cable_is_a_loss(cable: Cable, writer: SerialWriter) -> None:
     cable.pull()
-    with pytest.raises(LinkLost, match=f"^{cable.settings.port}: "):
+    with pytest.raises(LinkError, match=f"^{cable.settings.port}: "):
         writer.write(b"x")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.links import Chunk, Link, LinkCounts, LinkLost, open_link
+from drivers.links import Chunk, Link, LinkCounts, LinkError, open_link
 from drivers.links.tcp import open_tcp
 from drivers.settings import TcpLink
 from gateway.supervise import Alive, Backoff, Notice, keep_running
@@ -44,7 +44,7 @@ async def read_until_lost(link: Link) -> tuple[bytes, str]:
         async with asyncio.timeout(5):
             async for chunk in link:
                 received += chunk.data
-    except LinkLost as lost:
+    except LinkError as lost:
         return received, str(lost)
     raise AssertionError("the link ended without a loss")
 
@@ -73,7 +73,7 @@ async def test_a_reset_is_a_loss(server: socket.socket) -> None:
 async def test_a_refusal_is_a_loss(server: socket.socket) -> None:
     settings = settings_of(server)
     server.close()
-    with pytest.raises(LinkLost, match=rf"^tcp 127\.0\.0\.1:{settings.port}: connection refused$"):
+    with pytest.raises(LinkError, match=rf"^tcp 127\.0\.0\.1:{settings.port}: connection refused$"):
         async with open_link(settings):
             pass
 
@@ -84,7 +84,7 @@ async def test_a_silent_host_is_given_up(server: socket.socket) -> None:
     settings = settings_of(server)
     fillers = []
     try:
-        with pytest.raises(LinkLost, match=r"no answer in 0\.2 s"):
+        with pytest.raises(LinkError, match=r"no answer in 0\.2 s"):
             for _ in range(20):
                 opening = open_tcp(settings, LinkCounts(), connect_timeout_s=0.2)
                 await opening.__aenter__()

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from drivers.links import LinkLost
+from drivers.links import LinkError
 from gateway.supervise import Alive, Notice, is_retryable, keep_running
 
 
@@ -41,8 +41,8 @@ class Rig:
         )
 
 
-def gone() -> LinkLost:
-    return LinkLost("/dev/ttyUSB0: hung up")
+def gone() -> LinkError:
+    return LinkError("/dev/ttyUSB0: hung up")
 
 
 async def test_loss_and_recovery_are_said_once_each() -> None:

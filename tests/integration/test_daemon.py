@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from drivers.imu.kvh import KVH1750, KvhOptions
-from drivers.links.base import LinkCounts, LinkLost
+from drivers.links.base import LinkCounts, LinkError
 from drivers.links.serial import open_serial
 from drivers.records import ImuRecord
 from drivers.settings import SerialLink
@@ -54,7 +54,7 @@ async def test_stopping_gives_everything_back(tmp_path: Path) -> None:
                 bind(socket.SOCK_DGRAM, imu["port"])
             with pytest.raises(OSError, match="in use"):
                 bind(socket.SOCK_STREAM, tcp)
-            with pytest.raises(LinkLost, match="in use by another program"):
+            with pytest.raises(LinkError, match="in use by another program"):
                 await open_once(usbl)
         bind(socket.SOCK_DGRAM, imu["port"])
         bind(socket.SOCK_STREAM, tcp)
