@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.errors import ErrorDefinition, from_additive, retract, to_additive
-from gateway.fusion.state import State
+from gateway.fusion.state import Columns, State, add_constants
 from gateway.nav.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -48,62 +48,78 @@ def normalised_square(residual: Array, S: Array) -> float:
 
 def update(state: State, z: Linearised, error: ErrorDefinition, origin_e: Array) -> None:
     """Correct `state` in place.  # (M.32)-(M.35)"""
-    delta = _update(state.x, state.P, z.residual, z.H, z.R, error.kind, origin_e)
-    state.add_constants(delta[9:])
+    _update(state.x, state.P, state.columns, z.residual, z.H, z.R, error.kind, origin_e)
 
 
 @compiled
 def _update(
-    x: Array, P: Array, residual: Array, H: Array, R: Array, kind: int, origin_e: Array
-) -> Array:
-    """Correct the pose in `x`, carry `P` with it, and give the whole correction (n,).  # (M.35)
+    x: Array,
+    P: Array,
+    columns: Columns,
+    residual: Array,
+    H: Array,
+    R: Array,
+    kind: int,
+    origin_e: Array,
+) -> None:
+    """Correct `x`, and carry `P` with it.  # (M.34), (M.35)
 
     What carries P, a matrix that acts on the pose and nothing else, is taken into the factors of
     the Joseph form: one product of large matrices less.
     """
-    K = _gain(P, H, R)
+    K = np.ascontiguousarray(_gain(P, H, R).T)
     delta = -(K @ residual)
     before = from_additive(kind, x, origin_e)
     retract(kind, x, before @ delta[:9], origin_e)
+    add_constants(x, columns, delta[9:])
     A = np.eye(P.shape[0]) - K @ H
     if kind != 0:
         X = to_additive(kind, x, origin_e) @ before
         A[:9] = X @ A[:9]
         K[:9] = X @ K[:9]
     _joseph(P, A, K, R)
-    return delta
 
 
 @compiled
 def _gain(P: Array, H: Array, R: Array) -> Array:
-    """K = P H^T S^-1, (n, m), by the Cholesky factor of S.  # (M.32)"""
+    """K^T = S^-1 H P, (m, n), by the Cholesky factor of S.  # (M.32)
+
+    Transposed, for the compiler makes vector instructions of what runs along a row.
+    """
     n, m = P.shape[0], H.shape[0]
-    K = np.zeros((n, m))
-    for i in range(n):
-        for j in range(m):
-            for k in range(n):
-                K[i, j] += P[i, k] * H[j, k]
+    K_T = H @ P
     L = np.zeros((m, m))
     for i in range(m):
         for j in range(i + 1):
             s = 0.5 * (R[i, j] + R[j, i])
             for k in range(n):
-                s += H[i, k] * K[k, j]
+                s += H[i, k] * K_T[j, k]
             for k in range(j):
                 s -= L[i, k] * L[j, k]
             if i == j and not s > 0.0:
                 s = R[i, i]  # P H^T lost to rounding: S is not less than R
             L[i, j] = math.sqrt(s) if i == j else s / L[j, j]
-    for i in range(n):
-        for j in range(m):
-            for k in range(j):
-                K[i, j] -= L[j, k] * K[i, k]
-            K[i, j] /= L[j, j]
-        for j in range(m - 1, -1, -1):
-            for k in range(j + 1, m):
-                K[i, j] -= L[k, j] * K[i, k]
-            K[i, j] /= L[j, j]
-    return K
+    for i in range(m):
+        for k in range(i):
+            _add_row(K_T, i, k, -L[i, k])
+        _scale_row(K_T, i, 1.0 / L[i, i])
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            _add_row(K_T, i, k, -L[k, i])
+        _scale_row(K_T, i, 1.0 / L[i, i])
+    return K_T
+
+
+@compiled
+def _add_row(M: Array, to: int, of: int, factor: float) -> None:
+    for j in range(M.shape[1]):
+        M[to, j] += factor * M[of, j]
+
+
+@compiled
+def _scale_row(M: Array, row: int, factor: float) -> None:
+    for j in range(M.shape[1]):
+        M[row, j] *= factor
 
 
 @compiled

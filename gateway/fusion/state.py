@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.nav import strapdown as sd
+from gateway.nav.compiled import compiled
 from gateway.nav.lie import exp_so3
 
 Array = NDArray[np.float64]
@@ -33,6 +34,13 @@ _ALPHA, _BETA, _KD = _THETA + 3, _THETA + 4, _THETA + 5
 _LEVER, _LATENCY = slice(_THETA + 6, _THETA + 9), _THETA + 9
 _IN_MEAN = np.concatenate([np.arange(15, 21), np.arange(sd.N_MEAN, N_MEAN)])
 """Where in the mean the full error's components 9..24 stand."""
+
+
+@compiled
+def add_constants(x: Array, columns: Columns, delta: Array) -> None:
+    """Add a correction (n - 9,) to the constants of the mean `x` that `columns` (n,) names."""
+    for k in range(len(delta)):
+        x[_IN_MEAN[columns[9 + k] - 9]] += delta[k]
 
 
 @dataclass(slots=True)
@@ -145,7 +153,7 @@ class State:
 
     def add_constants(self, delta: Array) -> None:
         """Add a correction (n - 9,) to the estimated constants."""
-        self.x[_IN_MEAN[self.columns[9:] - 9]] += delta
+        add_constants(self.x, self.columns, delta)
 
     def is_sound(self) -> bool:
         """Whether every number is finite and no variance negative."""
