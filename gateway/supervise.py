@@ -37,7 +37,7 @@ class Backoff:
 
 
 def is_retryable(error: BaseException) -> bool:
-    """Whether trying again may help: `OSError` (so `LinkLost`), alone or in a group of such."""
+    """Whether trying again may help: `OSError` (so `LinkError`), alone or in a group of such."""
     if isinstance(error, BaseExceptionGroup):
         return all(is_retryable(inner) for inner in error.exceptions)
     return isinstance(error, OSError)
