@@ -132,7 +132,8 @@ class SyncDecoder:
         measure: Callable[[bytes, int], int | None],
         decode: Callable[[bytes, int, int], Sequence[Record | Rejected] | None],
     ) -> None:
-        self._candidate = re.compile(b"|".join(map(_prefix_pattern, prefixes)), re.DOTALL).search
+        pattern = re.compile(b"|".join(map(_prefix_pattern, prefixes)))
+        self._begins, self._candidate = pattern.match, pattern.search
         self._measure = measure
         self._decode = decode
         self._buffer = FrameBuffer()
@@ -140,7 +141,7 @@ class SyncDecoder:
     def feed(self, data: bytes, t_rx_ns: int) -> Iterable[Record | Rejected]:
         """Take one chunk; give the records it completes."""
         # The usual datagram is one whole frame: no copy, no bookkeeping.
-        if not self._buffer and self._measure(data, 0) == len(data):
+        if not self._buffer and self._begins(data) and self._measure(data, 0) == len(data):
             records = self._decode(data, t_rx_ns, len(data))
             if records is not None:
                 return records

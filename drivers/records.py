@@ -40,7 +40,8 @@ class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="im
     Exactly one of ``rate_rad_s`` / ``delta_angle_rad`` and exactly one of ``specific_force_m_s2`` /
     ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the
     interval it covers is a question of clocks; ``interval_s`` is set where the frame says it. A
-    sample that lacks rotation or acceleration is not ``valid``.
+    sample that lacks rotation or acceleration is not ``valid``. ``since_pulse_s`` is the time from
+    the last pulse on the unit's synchronisation input to the sample.
     """
 
     sequence: int | None = None
@@ -51,6 +52,7 @@ class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="im
     specific_force_m_s2: Vec3 | UnsetType = UNSET
     delta_velocity_m_s: Vec3 | UnsetType = UNSET
     interval_s: float | UnsetType = UNSET
+    since_pulse_s: float | UnsetType = UNSET
     temperature_c: float | None = None
     magnetic_gauss: tuple[Literal["x", "y", "z"], float] | UnsetType = UNSET
 

@@ -21,7 +21,7 @@ valid. Sequence counts 0 to 127. Units are not in the frame: they are options.
 """
 
 from collections.abc import Callable
-from math import isfinite, pi
+from math import isfinite
 from struct import Struct
 from typing import Any, Literal
 
@@ -31,12 +31,10 @@ from msgspec import UNSET
 from drivers.checksums import crc32_mpeg2, crc32_mpeg2_holds, sum8
 from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
-from drivers.records import DeviceStatus, ImuRecord, Record, Rejected, Vec3
+from drivers.imu.sample import DEG, G0, acceleration, inertial, out_of_range, rotation
+from drivers.records import DeviceStatus, ImuRecord, Record, Rejected
 
-G0 = 9.80665
-"""Standard gravity the unit's g refers to (m/s^2)."""
-
-RATE_MAX = 1000 * pi / 180
+RATE_MAX = 1000 * DEG
 """No fibre gyro of the family turns faster (rad/s); its longest interval is 1 s, so the bound holds
 for an increment (rad) too. A larger number means other units than the options say."""
 
@@ -74,7 +72,7 @@ class KvhOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def gyro_scale(self) -> float:
         """Size of the wire's gyro unit in rad or rad/s."""
-        return pi / 180 if "_deg" in self.gyro else 1.0
+        return DEG if "_deg" in self.gyro else 1.0
 
     @property
     def accel_scale(self) -> float:
@@ -104,9 +102,7 @@ def encode(record: Record, options: KvhOptions) -> bytes:
     """
     if isinstance(record, DeviceStatus):
         return _encode_test(record)
-    if not isinstance(record, ImuRecord):
-        raise ValueError(f"kvh1750 cannot say a {type(record).__name__}")
-    frame = HEADERS[options.format] + _encode_body(record, options)
+    frame = HEADERS[options.format] + _encode_body(inertial(record, "kvh1750"), options)
     return frame + crc32_mpeg2(frame)
 
 
@@ -154,7 +150,7 @@ def _frame_reader(
             and sequence < 128
             and isfinite(extra)
         ):
-            return _out_of_range(frame, t_rx_ns, line_bytes)
+            return out_of_range(frame, t_rx_ns, line_bytes)
         gyro = gx * gyro_scale, gy * gyro_scale, gz * gyro_scale
         accel = ax * accel_scale, ay * accel_scale, az * accel_scale
         axis = _MAGNETIC.get(sequence % 4) if kind == 0x57 else None
@@ -178,7 +174,8 @@ def _frame_reader(
 
 def _encode_body(record: ImuRecord, options: KvhOptions) -> bytes:
     """What stands between header and CRC."""
-    gyro, accel = _quantities(record, options)
+    gyro = rotation(record, increment=options.gyro.startswith("delta_angle"))
+    accel = acceleration(record, increment=options.accel != "g")
     axes = [value / options.gyro_scale for value in gyro]
     axes += [value / options.accel_scale for value in accel]
     status = _VALID if record.valid else 0
@@ -196,20 +193,6 @@ def _encode_body(record: ImuRecord, options: KvhOptions) -> bytes:
     return frame[4:-4]
 
 
-def _quantities(record: ImuRecord, options: KvhOptions) -> tuple[Vec3, Vec3]:
-    """The gyro and accelerometer triples the options ask for."""
-    increment = options.gyro.startswith("delta_angle")
-    gyro = record.delta_angle_rad if increment else record.rate_rad_s
-    accel = record.specific_force_m_s2 if options.accel == "g" else record.delta_velocity_m_s
-    if gyro is UNSET or accel is UNSET:
-        raise ValueError(f"the record does not carry {options.gyro} and {options.accel}")
-    return gyro, accel
-
-
-def _out_of_range(frame: bytes, t_rx_ns: int, line_bytes: int) -> tuple[Rejected]:
-    return (Rejected(t_rx_ns=t_rx_ns, line_bytes=line_bytes, reason="range", data=frame),)
-
-
 def _test_name(byte: int, bit: int) -> str:
     return _TESTS.get((byte, bit), f"byte {byte} bit {bit}")
 
@@ -221,7 +204,7 @@ def _decode_test(
     if sum8(frame[:-1]) != frame[-1]:
         return None
     if any(result & 0x80 for result in results):
-        return _out_of_range(frame, t_rx_ns, line_bytes)
+        return out_of_range(frame, t_rx_ns, line_bytes)
     failed = tuple(
         _test_name(byte, bit)
         for byte, result in enumerate(results)

@@ -4,7 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from tests.bench import against_c, live, replayed, starting, steps
+from tests.bench import against_c, decoding, live, replayed, starting, steps
 
 
 def main() -> None:
@@ -17,6 +17,7 @@ def main() -> None:
             *replayed.measure(source, Path(folder)),
             *steps.measure(source),
             *against_c.measure(),
+            *decoding.measure(),
         ]
         os.sched_setaffinity(0, cores)
         rows += [*live.measure(source), *starting.measure(source)]

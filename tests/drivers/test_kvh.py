@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.imu.kvh import G0, KVH1750, KvhOptions
+from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.imu.sample import G0
 from drivers.records import DeviceStatus, ImuRecord, Record, Rejected
 from tests.drivers.test_checksums import divided
 
@@ -205,7 +206,7 @@ def test_status_round_trip(failed: tuple[str, ...]) -> None:
 
 def test_encode_refuses_what_the_options_do_not_say() -> None:
     record = read(format_a())
-    with pytest.raises(ValueError, match="rate_deg_s"):
+    with pytest.raises(ValueError, match="does not carry rate_rad_s"):
         KVH1750.encode(record, KvhOptions(gyro="rate_deg_s"))
     with pytest.raises(ValueError, match="no test called"):
         KVH1750.encode(DeviceStatus(t_rx_ns=0, healthy=False, failed=("?",)), KvhOptions())

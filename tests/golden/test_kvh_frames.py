@@ -1,21 +1,11 @@
 """The KVH frames of the shared vectors decode to the values stated beside them."""
 
-import json
-
 import pytest
 
-from drivers.imu.kvh import G0, KVH1750, KvhOptions
+from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.imu.sample import G0
 from drivers.records import DeviceStatus, ImuRecord, Rejected
-from tests.shared_data import shared
-
-
-def frames(name: str) -> list[bytes]:
-    lines = shared("vectors", "imu", f"{name}.hex").read_text().split()
-    return [bytes.fromhex(line) for line in lines]
-
-
-def stated(name: str) -> dict:
-    return json.loads(shared("vectors", "imu", f"{name}.json").read_text())
+from tests.golden.vectors import frames, stated
 
 
 def test_format_a() -> None:

@@ -1,0 +1,43 @@
+"""How many frames of each wire format one core decodes in a second."""
+
+from statistics import median
+from time import perf_counter
+
+from drivers import registry
+from tests.bench.replayed import Row
+from tests.drivers.streams import FRAMES, decoder
+
+CHUNK = 4096
+FRAMES_EACH = 5000
+RUNS = 5
+
+
+def measure() -> list[Row]:
+    """One row a codec: frames of its own `encode`, fed in chunks of a fast serial line."""
+    return [
+        (f"{name} decoded", median(_rate(name) for _ in range(RUNS)), "frames/s")
+        for name in registry.CODECS
+    ]
+
+
+def _rate(name: str) -> float:
+    """Frames a second through a fresh decoder."""
+    frames = FRAMES[name]
+    stream = b"".join(frames * (FRAMES_EACH // len(frames)))
+    chunks = [stream[at : at + CHUNK] for at in range(0, len(stream), CHUNK)]
+    reader = decoder(name)
+    begun = perf_counter()
+    for chunk in chunks:
+        for _ in reader.feed(chunk, 0):
+            pass
+    return FRAMES_EACH // len(frames) * len(frames) / (perf_counter() - begun)
+
+
+def main() -> None:
+    """Print the rows alone: ``python -m tests.bench.decoding``."""
+    for name, value, unit in measure():
+        print(f"{name:28}  {value:9,.0f} {unit}")
+
+
+if __name__ == "__main__":
+    main()
