@@ -31,10 +31,9 @@ def test_unknown_name_offers_near_ones() -> None:
 
 
 def test_name_like_none_lists_all() -> None:
-    with pytest.raises(
-        registry.UnknownCodecError, match=r"known: kvh1750, nmea-gnss, nmea0183, tracklink"
-    ):
+    with pytest.raises(registry.UnknownCodecError) as caught:
         registry.lookup("?")
+    assert str(caught.value).endswith(f"known: {', '.join(registry.names())}")
 
 
 @pytest.fixture
