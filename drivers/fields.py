@@ -1,10 +1,12 @@
 """Fields of text sentences: numbers and clocks, taken only if they look exactly like one."""
 
 import re
+from datetime import date
 
 from drivers.framing import UnreadableError
 
 _NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
+_UNIX_EPOCH = date(1970, 1, 1).toordinal()
 _CLOCK = re.compile(r"(\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
 
 
@@ -18,6 +20,16 @@ def number(text: str, low: float = -1e9, high: float = 1e9) -> float:
     return value
 
 
+def maybe(text: str, low: float = -1e9, high: float = 1e9) -> float | None:
+    """Read the same where the field may be empty."""
+    return number(text, low, high) if text else None
+
+
+def plain(value: float | None, decimals: int) -> str:
+    """Write a number, or an empty field for none."""
+    return "" if value is None else f"{value:.{decimals}f}"
+
+
 def seconds_of_day(text: str) -> float:
     """Read ``hh:mm:ss`` or ``hhmmss``, either with decimals."""
     match = _CLOCK.fullmatch(text)
@@ -27,3 +39,24 @@ def seconds_of_day(text: str) -> float:
     if hours > 23 or minutes > 59 or seconds >= 61:
         raise UnreadableError("range", f"{text} is not on the clock")
     return hours * 3600 + minutes * 60 + seconds
+
+
+def clock(t_s: float | None) -> str:
+    """Write ``hhmmss.ss``, or an empty field for no time."""
+    if t_s is None:
+        return ""
+    minutes, cs = divmod(round(t_s * 100) % 8_640_000, 6000)
+    return f"{minutes // 60:02d}{minutes % 60:02d}{cs // 100:02d}.{cs % 100:02d}"
+
+
+def unix_day(year: int, month: int, day: int) -> int:
+    """Unix time (s) at which a day of the calendar begins; raises `UnreadableError`."""
+    try:
+        return (date(year, month, day).toordinal() - _UNIX_EPOCH) * 86_400
+    except ValueError as error:
+        raise UnreadableError("range", f"{year}-{month}-{day} is no date") from error
+
+
+def unix_date(days: int) -> date:
+    """Day of the calendar that begins `days` after the Unix epoch."""
+    return date.fromordinal(_UNIX_EPOCH + days)

@@ -200,7 +200,7 @@ class HeadingRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag
 class TimeRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="time"):
     """The time of day with its date, as the instrument's clock has it: ``unix_s``, UTC."""
 
-    unix_s: float
+    unix_s: float | None = None
     valid: bool = True
 
 

@@ -17,6 +17,9 @@ CODECS: dict[str, str] = {
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
+    "nmea-heading": "drivers.heading.nmea:NMEA_HEADING",
+    "nmea-depth": "drivers.depth.nmea:NMEA_DEPTH",
+    "paroscientific": "drivers.depth.paroscientific:PAROSCIENTIFIC",
     "nmea0183": "drivers.nmea0183:NMEA0183",
 }
 

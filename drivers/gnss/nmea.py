@@ -1,38 +1,38 @@
-"""GNSS receivers by NMEA 0183: position with GGA, velocity with RMC, any talker.
+"""GNSS receivers by NMEA 0183: position with GGA or GNS, velocity with RMC or VTG, time with ZDA.
 
 ``$--GGA,hhmmss.ss,ddmm.mm,N,dddmm.mm,E,q,nn,h.h,altitude,M,geoid,M,age,station*hh``
     UTC, latitude, longitude, quality (0 none, 1 to 5 a fix, 6 estimated, 7 manual, 8 simulated),
     satellites, HDOP, altitude above the geoid, and the geoid above the ellipsoid: their sum is the
     height. ``age`` and ``station`` of the corrections are not read.
+``$--GNS,hhmmss.ss,ddmm.mm,N,dddmm.mm,E,modes,nn,h.h,altitude,geoid,age,station,safety*hh``
+    The same with a mode letter for each satellite system; ``safety`` came with version 4.1.
 ``$--RMC,hhmmss.ss,A,ddmm.mm,N,dddmm.mm,E,knots,course,ddmmyy,variation,E,mode,safety*hh``
     UTC, status (A or V), latitude, longitude, speed and true course over ground. ``mode`` came with
     version 2.3 (A, D, F, R and P are fixes; E estimated, M manual, S simulated, N none), ``safety``
     with 4.1 and is not read, like date and magnetic variation.
+``$--VTG,course,T,magnetic,M,knots,N,km/h,K,mode*hh``
+    True course and speed over ground; no time of its own.
+``$--ZDA,hhmmss.ss,dd,mm,yyyy,zone,minutes*hh``
+    UTC with its date; the local zone is not read.
 
-Every other sentence comes out as it is.
+Any talker. Every other sentence comes out as it is.
 """
 
 import msgspec
 
 from drivers.codec import Codec, Decoder
-from drivers.fields import number, seconds_of_day
-from drivers.framing import LineDecoder, UnreadableError
-from drivers.nmea0183 import (
-    Checksum,
-    degrees,
-    last_start,
-    latitude,
-    longitude,
-    parse,
-    sentence,
-)
-from drivers.records import GnssRecord, NmeaSentence, Record
+from drivers.fields import clock, maybe, number, plain, seconds_of_day, unix_date, unix_day
+from drivers.framing import UnreadableError
+from drivers.nmea0183 import Checksum, degrees, latitude, longitude
+from drivers.records import GnssRecord, Record, TimeRecord
+from drivers.sentences import Fields, Heard, Reader, expect, expect_units, table_decoder, written
 
 KNOT_M_S = 1852 / 3600
 FIXES = range(1, 6)
 """Qualities of GGA that the receiver measured."""
-MODES = "ADFRP"
-"""Modes of RMC that the receiver measured."""
+MODES = frozenset("ADFRP")
+"""Modes of the other sentences that the receiver measured."""
+ALL_MODES = MODES | frozenset("EMNS")
 
 _NOWHERE = ("", "", "", "")
 
@@ -50,77 +50,116 @@ class GnssOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def decoder(options: GnssOptions) -> Decoder:
     """Make a decoder of a receiver's sentences."""
-
-    def decode(line: str, t_rx_ns: int, line_bytes: int) -> Record:
-        talker, formatter, fields = parse(line, options.checksum)
-        if talker == "P" or formatter not in ("GGA", "RMC"):
-            return NmeaSentence(
-                t_rx_ns=t_rx_ns,
-                line_bytes=line_bytes,
-                talker=talker,
-                formatter=formatter,
-                fields=fields,
-            )
-        record = _gga(fields, options) if formatter == "GGA" else _rmc(fields)
-        return msgspec.structs.replace(record, t_rx_ns=t_rx_ns, line_bytes=line_bytes)
-
-    return LineDecoder(decode, last_start)
+    return table_decoder(_READERS, options, options.checksum)
 
 
 def encode(record: Record, options: GnssOptions) -> bytes:
-    """Write a `GnssRecord` as the sentence it names, with its checksum unless forbidden."""
-    if not isinstance(record, GnssRecord):
-        raise ValueError(f"nmea-gnss cannot say a {type(record).__name__}")
-    fields = _gga_fields(record) if record.sentence == "GGA" else _rmc_fields(record)
-    line = sentence(f"GP{record.sentence}", fields)
-    return line[: line.index(b"*")] + b"\r\n" if options.checksum == "forbidden" else line
+    """Write the sentence that a `GnssRecord` names, or a `TimeRecord`, under the talker GP."""
+    if isinstance(record, TimeRecord):
+        return written("GPZDA", _zda_fields(record), options.checksum)
+    if not isinstance(record, GnssRecord) or record.sentence is None:
+        raise ValueError(f"nmea-gnss cannot say a {type(record).__name__} that names no sentence")
+    fields = _WRITERS[record.sentence](record)
+    return written(f"GP{record.sentence}", fields, options.checksum)
 
 
-def _gga(fields: tuple[str, ...], options: GnssOptions) -> GnssRecord:
-    if len(fields) != 14:
-        raise UnreadableError("syntax", "a GGA sentence has 14 fields")
-    clock, *place, quality, satellites, hdop, altitude, unit, geoid, geoid_unit, _, _ = fields
+def _gga(fields: Fields, options: GnssOptions, heard: Heard) -> GnssRecord:
+    expect(fields, 14)
+    time, *place, quality, satellites, hdop, altitude, unit, geoid, geoid_unit, _, _ = fields
     if len(quality) != 1:
         raise UnreadableError("syntax", f'"{quality}" is no quality')
     valid = int(number(quality)) in FIXES
     lat_deg, lon_deg = _place(place, valid)
-    altitude_m, geoid_m = _metres(altitude, unit), _metres(geoid, geoid_unit)
-    geoid_m = options.geoid_m if geoid_m is None else geoid_m
+    for text, letter in ((altitude, unit), (geoid, geoid_unit)):
+        if text and letter != "M":
+            raise UnreadableError("syntax", f'"{text},{letter}" is not in metres')
+    height_m, geoid_m = _height(maybe(altitude), maybe(geoid), options)
     return GnssRecord(
-        t_rx_ns=0,
+        **heard,
         sentence="GGA",
         valid=valid,
-        t_device_s=_clock(clock),
+        t_device_s=_time(time),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
-        height_m=_height(altitude_m, geoid_m),
+        height_m=height_m,
         geoid_m=geoid_m,
         quality=int(quality),
-        satellites=int(number(satellites, 0, 99)) if satellites else None,
-        hdop=number(hdop, 0) if hdop else None,
+        satellites=_count(satellites),
+        hdop=maybe(hdop, 0),
     )
 
 
-def _rmc(fields: tuple[str, ...]) -> GnssRecord:
-    if len(fields) not in (11, 12, 13):
-        raise UnreadableError("syntax", "an RMC sentence has 11 to 13 fields")
-    clock, status, *place, knots, course = fields[:8]
+def _gns(fields: Fields, options: GnssOptions, heard: Heard) -> GnssRecord:
+    expect(fields, 12, 13)
+    time, *place, modes, satellites, hdop, altitude, geoid = fields[:10]
+    if not modes or not ALL_MODES.issuperset(modes):
+        raise UnreadableError("syntax", f'"{modes}" are no modes')
+    valid = not MODES.isdisjoint(modes)
+    lat_deg, lon_deg = _place(place, valid)
+    height_m, geoid_m = _height(maybe(altitude), maybe(geoid), options)
+    return GnssRecord(
+        **heard,
+        sentence="GNS",
+        valid=valid,
+        t_device_s=_time(time),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        height_m=height_m,
+        geoid_m=geoid_m,
+        mode=modes,
+        satellites=_count(satellites),
+        hdop=maybe(hdop, 0),
+    )
+
+
+def _rmc(fields: Fields, _options: GnssOptions, heard: Heard) -> GnssRecord:
+    expect(fields, 11, 12, 13)
+    time, status, *place, knots, course = fields[:8]
     mode = fields[11] if len(fields) > 11 else ""
     if status not in ("A", "V") or len(mode) > 1:
         raise UnreadableError("syntax", f'"{status}" and "{mode}" are no status and mode')
-    valid = status == "A" and mode in MODES
+    valid = status == "A" and (not mode or mode in MODES)
     lat_deg, lon_deg = _place(place, valid)
     return GnssRecord(
-        t_rx_ns=0,
+        **heard,
         sentence="RMC",
         valid=valid,
-        t_device_s=_clock(clock),
+        t_device_s=_time(time),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
         speed_m_s=number(knots, 0) * KNOT_M_S if knots else None,
-        course_deg=number(course, 0, 360) if course else None,
+        course_deg=maybe(course, 0, 360),
         mode=mode or None,
     )
+
+
+def _vtg(fields: Fields, _options: GnssOptions, heard: Heard) -> GnssRecord:
+    expect(fields, 9, 8)
+    expect_units(fields, {1: "T", 3: "M", 5: "N", 7: "K"})
+    course, _, _, _, knots = fields[:5]
+    mode = fields[8] if len(fields) > 8 else ""
+    if len(mode) > 1:
+        raise UnreadableError("syntax", f'"{mode}" is no mode')
+    return GnssRecord(
+        **heard,
+        sentence="VTG",
+        valid=mode in MODES if mode else bool(knots),
+        speed_m_s=number(knots, 0) * KNOT_M_S if knots else None,
+        course_deg=maybe(course, 0, 360),
+        mode=mode or None,
+    )
+
+
+def _zda(fields: Fields, _options: GnssOptions, heard: Heard) -> TimeRecord:
+    """A receiver that does not know the time yet leaves the fields empty."""
+    expect(fields, 6, 4)
+    time, *day = fields[:4]
+    if not (time and all(day)):
+        return TimeRecord(**heard, valid=False)
+    if not all(text.isdigit() for text in day):
+        raise UnreadableError("syntax", f"{'.'.join(day)} is no date")
+    d, m, year = map(int, day)
+    return TimeRecord(**heard, unix_s=unix_day(year, m, d) + seconds_of_day(time))
 
 
 def _place(fields: list[str], needed: bool) -> tuple[float | None, float | None]:
@@ -133,43 +172,60 @@ def _place(fields: list[str], needed: bool) -> tuple[float | None, float | None]
     return degrees(lat, north), degrees(lon, east)
 
 
-def _clock(text: str) -> float | None:
+def _time(text: str) -> float | None:
     return seconds_of_day(text) if text else None
 
 
-def _metres(text: str, unit: str) -> float | None:
-    if text and unit != "M":
-        raise UnreadableError("syntax", f'"{text},{unit}" is not in metres')
-    return number(text) if text else None
+def _count(text: str) -> int | None:
+    return int(number(text, 0, 99)) if text else None
 
 
-def _height(altitude_m: float | None, geoid_m: float | None) -> float | None:
+def _height(
+    altitude_m: float | None, geoid_m: float | None, options: GnssOptions
+) -> tuple[float | None, float | None]:
+    """Height above the ellipsoid and the geoid's."""
+    geoid_m = options.geoid_m if geoid_m is None else geoid_m
     if altitude_m is None or geoid_m is None:
-        return None
-    return round(altitude_m + geoid_m, 6)  # undoes the binary noise of the sum
+        return None, geoid_m
+    return round(altitude_m + geoid_m, 6), geoid_m  # undoes the binary noise of the sum
 
 
 def _gga_fields(record: GnssRecord) -> list[str]:
     if record.quality is None:
         raise ValueError("a GGA sentence needs a quality")
-    geoid_m, height = record.geoid_m, ["", "M", "", "M"]
-    if geoid_m is not None:
-        height[2] = f"{geoid_m:.2f}"
-    if record.height_m is not None:
-        height[0] = f"{record.height_m - (geoid_m or 0.0):.2f}"
-        height[2] = height[2] or "0.00"
-    satellites = "" if record.satellites is None else f"{record.satellites:02d}"
-    hdop = "" if record.hdop is None else f"{record.hdop:.2f}"
-    where = _place_fields(record)
-    return [_time(record), *where, str(record.quality), satellites, hdop, *height, "", ""]
+    altitude, geoid = _height_fields(record)
+    where, heights = _place_fields(record), [altitude, "M", geoid, "M"]
+    sight = [str(record.quality), *_sight_fields(record)]
+    return [clock(record.t_device_s), *where, *sight, *heights, "", ""]
+
+
+def _gns_fields(record: GnssRecord) -> list[str]:
+    if record.mode is None:
+        raise ValueError("a GNS sentence needs a mode")
+    where, sight = _place_fields(record), [record.mode, *_sight_fields(record)]
+    return [clock(record.t_device_s), *where, *sight, *_height_fields(record), "", ""]
 
 
 def _rmc_fields(record: GnssRecord) -> list[str]:
-    knots = "" if record.speed_m_s is None else f"{record.speed_m_s / KNOT_M_S:.3f}"
-    course = "" if record.course_deg is None else f"{record.course_deg:.2f}"
     status, where = "A" if record.valid else "V", _place_fields(record)
     mode = [] if record.mode is None else [record.mode]
-    return [_time(record), status, *where, knots, course, "", "", "", *mode]
+    moving = [_knots(record), plain(record.course_deg, 2)]
+    return [clock(record.t_device_s), status, *where, *moving, "", "", "", *mode]
+
+
+def _vtg_fields(record: GnssRecord) -> list[str]:
+    speed_km_h = None if record.speed_m_s is None else record.speed_m_s * 3.6
+    mode = [] if record.mode is None else [record.mode]
+    course, over = plain(record.course_deg, 2), plain(speed_km_h, 3)
+    return [course, "T", "", "M", _knots(record), "N", over, "K", *mode]
+
+
+def _zda_fields(record: TimeRecord) -> list[str]:
+    if record.unix_s is None:
+        return [""] * 6
+    day, of_day = divmod(round(record.unix_s * 100), 8_640_000)
+    when = unix_date(day)
+    return [clock(of_day / 100), f"{when.day:02d}", f"{when.month:02d}", str(when.year), "00", "00"]
 
 
 def _place_fields(record: GnssRecord) -> tuple[str, ...]:
@@ -178,17 +234,30 @@ def _place_fields(record: GnssRecord) -> tuple[str, ...]:
     return *latitude(record.lat_deg, 6), *longitude(record.lon_deg, 6)
 
 
-def _time(record: GnssRecord) -> str:
-    if record.t_device_s is None:
-        return ""
-    minutes, cs = divmod(round(record.t_device_s * 100) % 8_640_000, 6000)
-    return f"{minutes // 60:02d}{minutes % 60:02d}{cs // 100:02d}.{cs % 100:02d}"
+def _sight_fields(record: GnssRecord) -> list[str]:
+    satellites = "" if record.satellites is None else f"{record.satellites:02d}"
+    return [satellites, plain(record.hdop, 2)]
 
+
+def _height_fields(record: GnssRecord) -> tuple[str, str]:
+    """Altitude and geoid, the latter 0 where only their sum is known."""
+    if record.height_m is None:
+        return "", plain(record.geoid_m, 2)
+    geoid_m = record.geoid_m or 0.0
+    return f"{record.height_m - geoid_m:.2f}", f"{geoid_m:.2f}"
+
+
+def _knots(record: GnssRecord) -> str:
+    return plain(None if record.speed_m_s is None else record.speed_m_s / KNOT_M_S, 3)
+
+
+_READERS: dict[str, Reader] = {"GGA": _gga, "GNS": _gns, "RMC": _rmc, "VTG": _vtg, "ZDA": _zda}
+_WRITERS = {"GGA": _gga_fields, "GNS": _gns_fields, "RMC": _rmc_fields, "VTG": _vtg_fields}
 
 NMEA_GNSS = Codec(
     name="nmea-gnss",
     kind="gnss",
-    devices="GNSS receivers that send GGA and RMC by NMEA 0183",
+    devices="GNSS receivers that send GGA or GNS, RMC or VTG, and ZDA by NMEA 0183",
     options=GnssOptions,
     decoder=decoder,
     encode=encode,

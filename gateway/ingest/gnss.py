@@ -2,20 +2,23 @@
 
 import math
 
-from drivers.records import GnssRecord, Record, Rejected
+from drivers.records import GnssRecord, Record, Rejected, TimeRecord
 from gateway.config import GnssDevice
 from gateway.ingest.device import DeviceIngest
 from gateway.messages import Measurement, PositionFix, VelocityFix
 
 EPOCH_NS = 1_000_000_000
 """Sentences of the same second of the day are of one epoch if they come within this."""
+BURST_NS = 50_000_000
+"""A sentence without a time is of the epoch whose last sentence it follows within this."""
 
 
 class GnssIngest(DeviceIngest):
-    """Positions of GGA and velocities of RMC.
+    """Positions of GGA or GNS, velocities of RMC or VTG: of each pair the one heard first.
 
     All sentences of an epoch hold for the moment of the first one: the others only wait for the
-    line. RMC's position is that of GGA once more and would count twice.
+    line. RMC's position is that of GGA once more and would count twice, as the other of a pair
+    would.
     """
 
     def __init__(self, name: str, device: GnssDevice) -> None:
@@ -25,6 +28,8 @@ class GnssIngest(DeviceIngest):
         self._sd_velocity = (device.noise.velocity_m_s,) * 3
         self._epoch_s: float | None = None
         self._epoch_ns = 0
+        self._last_ns = 0
+        self._sources: dict[str, str | None] = {}
         self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
@@ -32,12 +37,15 @@ class GnssIngest(DeviceIngest):
         if not self._count(record):
             return
         if not isinstance(record, GnssRecord):
-            self.counts.ignored["not_gnss"] += 1
+            self.counts.ignored["time" if isinstance(record, TimeRecord) else "not_gnss"] += 1
             return
         t_ns = self._valid_at_ns(record)
+        quantity = "velocity" if record.sentence in ("RMC", "VTG") else "position"
         if not record.valid:
             self.counts.ignored["invalid"] += 1
-        elif record.sentence == "GGA":
+        elif self._sources.setdefault(quantity, record.sentence) != record.sentence:
+            self.counts.ignored["repeated"] += 1
+        elif quantity == "position":
             self._take_position(record, t_ns)
         else:
             self._take_velocity(record, t_ns)
@@ -51,9 +59,13 @@ class GnssIngest(DeviceIngest):
     def _valid_at_ns(self, record: GnssRecord) -> int:
         """When the first sentence of the record's epoch left the receiver, less its latency."""
         t_ns = self._left_instrument_ns(record)
-        same = record.t_device_s is not None and record.t_device_s == self._epoch_s
-        if not (same and abs(t_ns - self._epoch_ns) < EPOCH_NS):
+        if record.t_device_s is None:
+            same = abs(t_ns - self._last_ns) < BURST_NS
+        else:
+            same = record.t_device_s == self._epoch_s and abs(t_ns - self._epoch_ns) < EPOCH_NS
+        if not same:
             self._epoch_s, self._epoch_ns = record.t_device_s, t_ns
+        self._last_ns = t_ns
         return self._epoch_ns
 
     def _take_position(self, record: GnssRecord, t_ns: int) -> None:

@@ -96,11 +96,42 @@ def _gnss() -> list[bytes]:
         b"$GPGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*5B\r\n",
         b"$GPRMC,083559.00,A,4717.11437,N,00833.91522,E,0.004,77.52,091202,,,A*57\r\n",
         b"$GPGGA,,,,,,0,00,99.99,,,,,,*48\r\n",
+        b"$GNGNS,103600.01,5114.51176,N,00012.29380,W,ANNN,07,1.18,111.5,45.6,,,V*00\r\n",
+        b"$GPVTG,77.52,T,,M,0.004,N,0.008,K,A*06\r\n",
+        b"$GPZDA,082710.00,16,09,2002,00,00*64\r\n",
         b"$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68\r\n",
     ]
 
 
-STRONG = frozenset({"kvh1750", "stim300", "nmea0183", "nmea-gnss"})
+def _heading() -> list[bytes]:
+    return [
+        b"$HEHDT,116.581,T*25\r\n",
+        b"$PRDID,-4.44,2.12,154.25*56\r\n",
+        b"$HCHDG,101.1,,,7.1,W*3C\r\n",
+        b"$PASHR,085335.00,224.19,T,-01.26,+00.83,+00.00,0.101,0.113,0.267,1,0*36\r\n",
+        b"$IIHDM,201.5,M*24\r\n",
+    ]
+
+
+def _depth() -> list[bytes]:
+    return [
+        b"$SDDPT,14.39,0.00*68\r\n",
+        b"$SDDPT,10.1,-1.5,*62\r\n",
+        b"$SDDBT,7.8,f,2.4,M,1.3,F*0D\r\n",
+        b"$INDPT,2.3,0.0*46\r\n",
+    ]
+
+
+def _paroscientific() -> list[bytes]:
+    return [
+        b"*000114.6959494\r\n",
+        b"*0001114.6190\r\n",
+        b"*0001UN=1\r\n",
+        b"*0002998.25\r\n",
+    ]
+
+
+STRONG = frozenset({"kvh1750", "stim300", "nmea0183", "nmea-gnss", "nmea-heading", "nmea-depth"})
 """Codecs whose check finds every single flipped bit."""
 
 FRAMES: dict[str, list[bytes]] = {
@@ -108,6 +139,9 @@ FRAMES: dict[str, list[bytes]] = {
     "stim300": _stim300(),
     "nmea0183": _nmea(),
     "nmea-gnss": _gnss(),
+    "nmea-heading": _heading(),
+    "nmea-depth": _depth(),
+    "paroscientific": _paroscientific(),
     **{
         name: _usbl(name)
         for name in ("tracklink-lxt", "tracklink-tp2", "tracklink-gll", "tracklink-log")

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drivers.records import GnssRecord, NmeaSentence, Rejected
+from drivers.records import GnssRecord, NmeaSentence, Rejected, TimeRecord
 from gateway.config import GnssDevice
 from gateway.ingest.gnss import GnssIngest
 from gateway.messages import PositionFix, VelocityFix
@@ -74,11 +74,37 @@ def test_sentences_of_an_epoch_are_of_one_moment():
     assert [fix.t_ns - T0 for fix in ingest.flush()] == [-100_000_000, -100_000_000, 1_000_000_000]
 
 
+def test_vtg_is_of_the_epoch_that_it_follows():
+    """Back to back on the line, or a whole burst later on its own."""
+    ingest = receiver()
+    ingest.take(gga(T0))
+    ingest.take(rmc(T0 + 40_000_000, None, sentence="VTG"))
+    ingest.take(rmc(T0 + 500_000_000, None, sentence="VTG"))
+    assert [fix.t_ns - T0 for fix in ingest.flush()] == [0, 0, 500_000_000]
+
+
+def test_of_two_sentences_that_say_the_same_the_first_is_used():
+    ingest = receiver()
+    for second in (10.0, 11.0):
+        t_ns = T0 + round((second - 10.0) * 1e9)
+        ingest.take(gga(t_ns, second, sentence="GNS"))
+        ingest.take(gga(t_ns, second))
+        ingest.take(rmc(t_ns, None, sentence="VTG"))
+        ingest.take(rmc(t_ns, second))
+    assert [type(fix) for fix in ingest.flush()] == [PositionFix, VelocityFix] * 2
+    assert dict(ingest.counts.ignored) == {"repeated": 4}
+
+
 def test_without_a_clock_or_a_day_later_every_sentence_is_of_its_own_moment():
     ingest = receiver()
-    for t_ns, second in ((T0, None), (T0 + 5, None), (T0 + 9, 1.0), (T0 + 86_400 * 10**9, 1.0)):
+    for t_ns, second in (
+        (T0, None),
+        (T0 + 10**9, None),
+        (T0 + 2 * 10**9, 1.0),
+        (T0 + 86_400 * 10**9, 1.0),
+    ):
         ingest.take(gga(t_ns, second))
-    assert [fix.t_ns - T0 for fix in ingest.flush()] == [0, 5, 9, 86_400 * 10**9]
+    assert [fix.t_ns - T0 for fix in ingest.flush()] == [0, 10**9, 2 * 10**9, 86_400 * 10**9]
 
 
 @pytest.mark.parametrize(
@@ -89,6 +115,7 @@ def test_without_a_clock_or_a_day_later_every_sentence_is_of_its_own_moment():
         (gga(lat_deg=None), "no_position"),
         (rmc(course_deg=None), "no_course"),
         (rmc(speed_m_s=None), "no_course"),
+        (TimeRecord(t_rx_ns=T0, unix_s=1e9), "time"),
         (NmeaSentence(t_rx_ns=T0, talker="GP", formatter="GSV", fields=()), "not_gnss"),
     ],
 )

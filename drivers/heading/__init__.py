@@ -1,0 +1,1 @@
+"""Codecs of compasses, gyrocompasses and attitude sensors."""
