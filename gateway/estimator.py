@@ -216,8 +216,9 @@ class Estimator:
 
 def _memory(saved: Checkpoint) -> Memory:
     """The filter's memory as a checkpoint holds it."""
+    # A copy of each: for arrays that may not be written to, functions are compiled anew.
     x = np.frombuffer(saved.x).copy()
-    columns = np.frombuffer(saved.columns, dtype=np.int64)
+    columns = np.frombuffer(saved.columns, dtype=np.int64).copy()
     P = np.frombuffer(saved.P).reshape(len(columns), len(columns)).copy()
     return Memory(
         State(x, P, columns),

@@ -18,7 +18,7 @@ from gateway.filter_process.channel import (
     encode,
     read_in_worker,
 )
-from gateway.fusion.filter import warm_up
+from gateway.fusion.warmup import warm_up
 from gateway.nav.compiled import told_of_compiling
 
 

@@ -258,11 +258,6 @@ def attitudes(rows: Array) -> Array:
     return D
 
 
-def warm_up() -> None:
-    """Compile or load the hot function, so that no window's end waits for it."""
-    _carry_along(np.zeros((1, 8)), np.zeros((2, 3)), np.zeros((1, 3, 3)), np.zeros(3))
-
-
 class _Sway:
     """What is left of the motion: rms of velocity (3,), and of horizontal displacement an axis."""
 

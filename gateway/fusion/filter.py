@@ -7,8 +7,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gateway.fusion import robust, usbl
-from gateway.fusion.errors import FAMILY
+from gateway.fusion import robust
 from gateway.fusion.kalman import (
     Linearised,
     innovation_covariance,
@@ -16,9 +15,8 @@ from gateway.fusion.kalman import (
     update,
 )
 from gateway.fusion.observation import Model, observe
-from gateway.fusion.ranging import Past
 from gateway.fusion.restart import forget
-from gateway.fusion.state import ATT, N_STATES, POS, VEL, State
+from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.messages import Component, Fix, Innovation
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -220,23 +218,3 @@ def _components(z: Linearised, S: Array) -> tuple[Component, ...]:
         unit = np.degrees(1.0) if name.endswith("_deg") else 1.0
         out.append(Component(name, float(-residual * unit), float(np.sqrt(variance) * unit)))
     return tuple(out)
-
-
-def warm_up() -> None:
-    """Compile or load the hot functions, so that the first sample does not wait for them."""
-    state = State.at(np.eye(3), np.zeros(3), np.array([6.4e6, 0.0, 0.0]), np.eye(N_STATES))
-    rows, track, q = np.zeros((1, 8)), np.zeros((1, 12)), np.zeros(4)
-    rows[:, 0] = 0.005
-    strapdown.run(state.x, state.P, rows, q, track)
-    strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
-    beacon_e, past = state.r_e + 100.0, Past(np.zeros(3), np.eye(3), 0.1)
-    for measured in (
-        np.full(3, 0.5),
-        np.array([0.5, np.nan, 0.5]),
-        np.array([np.nan, np.nan, 0.5]),
-    ):
-        sight = usbl.Sighting(measured, np.ones(3), beacon_e, past)
-        z = usbl.linearise(state, usbl.ArrayGeometry(np.zeros(3), np.eye(3)), sight)
-        assert z is not None
-        for error in FAMILY.values():
-            update(state.copy(), z, error, state.r_e.copy())

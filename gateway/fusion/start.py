@@ -77,7 +77,6 @@ class Start:
         self._t: list[Times] = []
         self._rows: list[Array] = []
         self._t_first_ns: int | None = None
-        align.warm_up()
 
     def take(self, t_ns: Times, rows: Array) -> Iterator[Innovation]:
         """Take samples; give a verdict on each window they complete, until one is good."""

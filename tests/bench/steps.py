@@ -13,8 +13,9 @@ from drivers.capture.reader import read_packets
 from drivers.capture.streams import read_streams
 from gateway.config import Config, load, wire_format
 from gateway.estimator import Estimator
-from gateway.fusion.filter import Filter, Memory, warm_up
+from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
+from gateway.fusion.warmup import warm_up
 from gateway.ingest import intakes
 from gateway.messages import Fix, ImuBlock, Innovation, Measurement, NavSolution, UsblFix
 from gateway.outputs import nmea

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.fusion import initial
-from gateway.fusion.filter import FREED, GATE_MAX_HEADING_SD, LOCK_OUT, Filter, Memory, warm_up
+from gateway.fusion.filter import FREED, GATE_MAX_HEADING_SD, LOCK_OUT, Filter, Memory
 from gateway.fusion.report import solution
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.modes import Mode
@@ -259,7 +259,3 @@ def test_solution_of_a_running_filter_claims_its_sigma():
     sigma = np.array([*nav.sd_position, *nav.sd_velocity])
     assert np.all(np.abs(errors) < 5.0 * sigma)
     assert np.all(sigma[:3] < 1.0)
-
-
-def test_warm_up_leaves_compiled_kernels():
-    warm_up()
