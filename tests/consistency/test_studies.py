@@ -98,16 +98,27 @@ def test_relative_measurement() -> None:
     assert 0.9 < rows["bound_ratio"].value < 1.15
     assert inside(rows["nees"])
     assert inside(rows["nis"])
+    assert inside(rows["smoothed_nees"])
+    attained = rows["tight_horizontal_rms_both_m"].value
+    assert rows["smoothed_horizontal_rms_both_m"].value < 0.8 * attained
     assert rows["mistuned_nees"].value > rows["mistuned_nees"].high
     assert rows["mistuned_nis"].value > rows["mistuned_nis"].high
     assert rows["inertial_horizontal_rms_m"].value > 500.0
     assert rows["usbl_horizontal_rms_m"].value > 1.5
 
 
+def looked_back(rows: dict[str, Interval]) -> None:
+    assert inside(rows["smoothed_nees"])
+    assert rows["smoothed_heading_deg"].value < 0.8 * rows["right_invariant_heading_deg"].value
+    for axis in POSE_AXES:
+        assert rows[f"smoothed_{axis}_m"].value < 0.6 * rows[f"right_invariant_{axis}_m"].value
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_invariant_small() -> None:
     rows = study("invariant-small")
+    looked_back(rows)
     for name in TIGHT:
         assert rows[f"{name}_heading_deg"].value <= 0.0135
         assert max(rows[f"{name}_{axis}_m"].value for axis in POSE_AXES) <= 0.70
@@ -120,6 +131,7 @@ def test_invariant_small() -> None:
 @pytest.mark.timeout(900)
 def test_invariant_large() -> None:
     rows, small = study("invariant-large"), study("invariant-small")
+    looked_back(rows)
     assert rows["right_invariant_diverged"].value == 0
     assert inside(rows["right_invariant_nees"])
     assert inside(rows["right_invariant_nis"])
@@ -137,6 +149,7 @@ def test_invariant_large() -> None:
 @pytest.mark.timeout(900)
 def test_invariant_semi() -> None:
     rows = study("invariant-semi")
+    looked_back(rows)
     for axis in POSE_AXES:
         assert rows[f"tight_gain_{axis}_percent"].value > 0.0
     assert rows["right_invariant_diverged"].value == rows["loose_diverged"].value == 0

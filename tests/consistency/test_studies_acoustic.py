@@ -189,7 +189,8 @@ def test_propagation_delay_meets_its_bars(tmp_path):
     assert rows["compensated_max_m"].value <= 9.0
     assert rows["uncompensated_rms_m"].value > 3.0 * rows["compensated_rms_m"].value
     assert rows["fast_uncompensated_rms_m"].value > 10.0 * rows["fast_compensated_rms_m"].value
-    assert inside(rows["nees"]) and inside(rows["nis"])
+    assert inside(rows["nees"]) and inside(rows["nis"]) and inside(rows["smoothed_nees"])
+    assert rows["smoothed_rms_m"].value < 0.5 * rows["compensated_rms_m"].value
     study.figures["figure-3"]().savefig(tmp_path / "figure.png")
 
 
@@ -202,4 +203,9 @@ def test_radial_velocity_meets_its_bars(tmp_path):
     assert rows["two_beacons_cut"].value >= 90.0
     for case in ("one_beacon", "two_beacons"):
         assert inside(rows[f"{case}_nees"]) and inside(rows[f"{case}_nis"])
+        assert inside(rows[f"{case}_smoothed_nees"])
+        filtered, smoothed = (
+            rows[f"{case}_outage_{w}_with_rms_m"] for w in ("filtered", "smoothed")
+        )
+        assert smoothed.value < 0.7 * filtered.value
     study.figures["outage"]().savefig(tmp_path / "figure.png")
