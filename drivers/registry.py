@@ -12,6 +12,7 @@ GROUP = "usblnav.codecs"
 CODECS: dict[str, str] = {
     "kvh1750": "drivers.imu.kvh:KVH1750",
     "stim300": "drivers.imu.stim300:STIM300",
+    "novatel-span": "drivers.imu.novatel.logs:NOVATEL_SPAN",
     "tracklink-lxt": "drivers.usbl.tracklink.lxt:LXT",
     "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",

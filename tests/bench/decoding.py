@@ -13,16 +13,21 @@ RUNS = 5
 
 
 def measure() -> list[Row]:
-    """One row a codec: frames of its own `encode`, fed in chunks of a fast serial line."""
-    return [
-        (f"{name} decoded", median(_rate(name) for _ in range(RUNS)), "frames/s")
+    """One row a codec and kind of frame, from its own `encode`, in chunks of a fast line."""
+    kinds = [
+        (name, kind, [frame for frame in FRAMES[name] if frame.isascii() == (kind == "text")])
         for name in registry.CODECS
+        for kind in ("binary", "text")
+    ]
+    return [
+        (f"{name} decoded, {kind}", median(_rate(name, frames) for _ in range(RUNS)), "frames/s")
+        for name, kind, frames in kinds
+        if frames
     ]
 
 
-def _rate(name: str) -> float:
+def _rate(name: str, frames: list[bytes]) -> float:
     """Frames a second through a fresh decoder."""
-    frames = FRAMES[name]
     stream = b"".join(frames * (FRAMES_EACH // len(frames)))
     chunks = [stream[at : at + CHUNK] for at in range(0, len(stream), CHUNK)]
     reader = decoder(name)

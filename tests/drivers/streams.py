@@ -9,57 +9,8 @@ import msgspec
 
 from drivers import registry
 from drivers.codec import Decoder
-from drivers.imu import stim300
-from drivers.imu.kvh import KvhOptions
-from drivers.imu.stim300 import Stim300Options
-from drivers.records import DeviceStatus, ImuRecord, NmeaSentence, Record, Rejected, UsblRecord
-
-
-def _imu(sequence: int, **more: object) -> ImuRecord:
-    return ImuRecord(
-        t_rx_ns=0,
-        sequence=sequence,
-        delta_angle_rad=(1e-5 * sequence, -2e-5, 3e-5),
-        specific_force_m_s2=(0.1, -0.2, -9.8),
-        **more,
-    )
-
-
-def _kvh() -> list[bytes]:
-    encode = registry.lookup("kvh1750").encode
-    return [
-        encode(_imu(1, temperature_c=21.0), KvhOptions()),
-        encode(_imu(2, t_device_s=12.000001, temperature_c=-5.0), KvhOptions(format="b")),
-        encode(DeviceStatus(t_rx_ns=0, healthy=True), KvhOptions()),
-        encode(_imu(3, magnetic_gauss=("z", 0.25)), KvhOptions(format="c")),
-        encode(
-            DeviceStatus(t_rx_ns=0, healthy=False, failed=("GCB Y volts",)),
-            KvhOptions(),
-        ),
-        encode(_imu(4, temperature_c=22.0), KvhOptions()),
-    ]
-
-
-def _rates(sequence: int, **more: object) -> ImuRecord:
-    return ImuRecord(
-        t_rx_ns=0,
-        sequence=sequence,
-        rate_rad_s=(1e-2 * sequence, -2e-2, 3e-2),
-        specific_force_m_s2=(0.1, -0.2, -9.8),
-        **more,
-    )
-
-
-def _stim300() -> list[bytes]:
-    options = Stim300Options()
-    full = Stim300Options(with_inclination=True, with_temperature=True, with_pps=True)
-    warm = Stim300Options(with_temperature=True)
-    return [
-        stim300.encode(_rates(250, age_s=506e-6), options),
-        stim300.encode(_rates(254, age_s=507e-6, temperature_c=35.5, since_pulse_s=0.25), full),
-        stim300.configuration(options),
-        stim300.encode(_rates(2, age_s=506e-6, temperature_c=35.5, valid=False), warm),
-    ]
+from drivers.records import NmeaSentence, Record, Rejected, UsblRecord
+from tests.drivers.imu_frames import IMU
 
 
 def _usbl(codec: str) -> list[bytes]:
@@ -131,12 +82,11 @@ def _paroscientific() -> list[bytes]:
     ]
 
 
-STRONG = frozenset({"kvh1750", "stim300", "nmea0183", "nmea-gnss", "nmea-heading", "nmea-depth"})
+STRONG = frozenset(IMU) | {"nmea0183", "nmea-gnss", "nmea-heading", "nmea-depth"}
 """Codecs whose check finds every single flipped bit."""
 
 FRAMES: dict[str, list[bytes]] = {
-    "kvh1750": _kvh(),
-    "stim300": _stim300(),
+    **IMU,
     "nmea0183": _nmea(),
     "nmea-gnss": _gnss(),
     "nmea-heading": _heading(),

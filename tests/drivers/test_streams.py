@@ -10,7 +10,7 @@ from drivers import registry
 from drivers.records import Rejected
 from tests.drivers.streams import FRAMES, STRONG, bare, check_tiling, decoder, good, run
 
-FORMAT_IN_OPTIONS = {"kvh1750", "stim300"}
+FORMAT_IN_OPTIONS = {"kvh1750", "stim300", "novatel-span"}
 """One set of options reads several formats and writes one."""
 
 EVERY = pytest.mark.parametrize("name", sorted(FRAMES))

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from drivers import registry
 from drivers.imu.kvh import KvhOptions
 from drivers.settings import SerialLink, UdpLink
 from gateway.config import Beacon, Config, Filter, ImuDevice, UsblDevice, load, wire_format
@@ -155,6 +156,7 @@ def test_every_kind_of_fault_is_named_at_once(tmp_path: Path) -> None:
     assert faults_of(written(tmp_path, EVERY_KIND)) == EVERY_FAULT
 
 
+IMU_CODECS = [codec.name for codec in registry.all_codecs() if codec.kind == "imu"]
 NAME = "expected a name of letters, digits and _ . - (at most 64), got"
 GYRO = "expected one of delta_angle_deg, delta_angle_rad, rate_deg_s, rate_rad_s, got"
 LINK = "one of: serial, udp, tcp"
@@ -272,7 +274,7 @@ def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str
             "devices.imu0.codec",
             "tracklink-lxt",
             "devices.imu0.codec: tracklink-lxt is of kind usbl, the device of kind imu; "
-            "one of: kvh1750",
+            f"one of: {', '.join(IMU_CODECS)}",
         ),
         (
             "devices.usbl0.link",

@@ -1,0 +1,1 @@
+"""NovAtel SPAN: the inertial logs of OEM receivers, binary and ASCII."""

@@ -1,0 +1,89 @@
+"""Frames of every codec of inertial units, from its own `encode`."""
+
+from drivers.imu import stim300
+from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.imu.novatel.logs import NOVATEL_SPAN, NovatelOptions
+from drivers.imu.stim300 import Stim300Options
+from drivers.records import CompensatedRecord, DeviceStatus, ImuRecord
+
+
+def _imu(sequence: int, **more: object) -> ImuRecord:
+    return ImuRecord(
+        t_rx_ns=0,
+        sequence=sequence,
+        delta_angle_rad=(1e-5 * sequence, -2e-5, 3e-5),
+        specific_force_m_s2=(0.1, -0.2, -9.8),
+        **more,
+    )
+
+
+def _kvh() -> list[bytes]:
+    encode = KVH1750.encode
+    return [
+        encode(_imu(1, temperature_c=21.0), KvhOptions()),
+        encode(_imu(2, t_device_s=12.000001, temperature_c=-5.0), KvhOptions(format="b")),
+        encode(DeviceStatus(t_rx_ns=0, healthy=True), KvhOptions()),
+        encode(_imu(3, magnetic_gauss=("z", 0.25)), KvhOptions(format="c")),
+        encode(
+            DeviceStatus(t_rx_ns=0, healthy=False, failed=("GCB Y volts",)),
+            KvhOptions(),
+        ),
+        encode(_imu(4, temperature_c=22.0), KvhOptions()),
+    ]
+
+
+def _rates(sequence: int, **more: object) -> ImuRecord:
+    return ImuRecord(
+        t_rx_ns=0,
+        sequence=sequence,
+        rate_rad_s=(1e-2 * sequence, -2e-2, 3e-2),
+        specific_force_m_s2=(0.1, -0.2, -9.8),
+        **more,
+    )
+
+
+def _stim300() -> list[bytes]:
+    options = Stim300Options()
+    full = Stim300Options(with_inclination=True, with_temperature=True, with_pps=True)
+    warm = Stim300Options(with_temperature=True)
+    return [
+        stim300.encode(_rates(250, age_s=506e-6), options),
+        stim300.encode(_rates(254, age_s=507e-6, temperature_c=35.5, since_pulse_s=0.25), full),
+        stim300.configuration(options),
+        stim300.encode(_rates(2, age_s=506e-6, temperature_c=35.5, valid=False), warm),
+    ]
+
+
+def _increments(n: int, **more: object) -> ImuRecord:
+    return ImuRecord(
+        t_rx_ns=0,
+        t_device_s=600_000.0 + 0.01 * n,
+        delta_angle_rad=(1e-5 * n, -2e-5, 3e-5),
+        delta_velocity_m_s=(1e-3, -2e-3, 0.098),
+        **more,
+    )
+
+
+def _novatel() -> list[bytes]:
+    encode = NOVATEL_SPAN.encode
+    corrected = CompensatedRecord(
+        t_rx_ns=0,
+        t_device_s=600_000.25,
+        delta_angle_rad=(1e-6, 2e-6, -3e-6),
+        delta_velocity_m_s=(1e-4, -2e-4, 3e-4),
+    )
+    return [
+        encode(_increments(1), NovatelOptions()),
+        encode(_increments(2), NovatelOptions(log="rawimux", imu="kvh1750")),
+        encode(_increments(3, valid=False), NovatelOptions(ascii=True)),
+        encode(corrected, NovatelOptions()),
+        encode(_increments(4), NovatelOptions(log="rawimux", imu="stim300", ascii=True)),
+        encode(_increments(5), NovatelOptions(log="rawimu")),
+    ]
+
+
+IMU = {
+    "kvh1750": _kvh(),
+    "stim300": _stim300(),
+    "novatel-span": _novatel(),
+}
