@@ -8,12 +8,20 @@ from contextlib import AsyncExitStack
 
 from drivers.links import open_link
 from drivers.settings import StdioLink
-from gateway import systemd
+from gateway import realtime, systemd
 from gateway.config import Config, NmeaOutput, Output
 from gateway.filter_process.host import FilterHost
 from gateway.health import Health, Line
 from gateway.ingest import intakes
-from gateway.messages import Calibration, FilterCounts, FilterOutput, Innovation, NavSolution
+from gateway.journal import open_journal
+from gateway.messages import (
+    Calibration,
+    FilterCounts,
+    FilterOutput,
+    ImuBlock,
+    Innovation,
+    NavSolution,
+)
 from gateway.outputs.feeds import Feed, open_feed
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.supervise import Alive, keep_running
@@ -34,7 +42,7 @@ def run(config: Config, *, nmea_stdout: bool = False) -> None:
     nmea_stdout
         Add an output of NMEA 0183 on standard output.
     """
-    logging.basicConfig(level=logging.INFO, format="usblnav: %(message)s")
+    open_journal()
     outputs = list(config.outputs)
     if nmea_stdout:
         outputs.append(NmeaOutput(link=StdioLink()))
@@ -48,6 +56,7 @@ class _Daemon:
         self._config = config
         self._outputs = outputs
         self._stop = asyncio.Event()
+        self._collector = realtime.Collector()
         self._feeds: list[Feed] = []
         ways_in = intakes(config)
         self._lines = [
@@ -63,6 +72,9 @@ class _Daemon:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop.set)
+        self._health.realtime, complaints = realtime.enter(self._config.realtime)
+        for complaint in complaints:
+            _log.warning("%s", complaint)
         async with AsyncExitStack() as stack:
             for output in self._outputs:
                 feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
@@ -90,21 +102,36 @@ class _Daemon:
                         alive()
                         line.heard(time.monotonic())
                         line.intake.feed(chunk.data, chunk.t_rx_ns)
-                        for measurement in line.intake.flush():
-                            self._host.send(measurement)
+                        self._hand_on(line, chunk.t_rx_ns)
                 finally:
                     line.lost()
 
         await keep_running(line.name, once)
 
+    def _hand_on(self, line: Line, t_rx_ns: int) -> None:
+        """Give the filter what came of a chunk."""
+        passage = self._health.passage
+        decoded_ns = time.monotonic_ns()
+        passage.decoded(line.name, t_rx_ns, decoded_ns)
+        for measurement in line.intake.flush():
+            self._host.send(measurement)
+            sent_ns = time.monotonic_ns()
+            passage.handed_on(line.name, decoded_ns, sent_ns)
+            if isinstance(measurement, ImuBlock):
+                passage.entered(measurement.t_last_ns, t_rx_ns, sent_ns)
+
     def _on_output(self, output: FilterOutput) -> None:
         """Hand on what the filter says, in the words of the edge."""
-        offset_ns = time.time_ns() - time.monotonic_ns()
+        now_ns = time.monotonic_ns()
+        offset_ns = time.time_ns() - now_ns
         if isinstance(output, NavSolution):
+            passage = self._health.passage
+            passage.solved(output.t_ns, now_ns)
             nav = nav_report(output, offset_ns)
-            self._health.solved(nav)
             for feed in self._feeds:
-                feed.nav(nav)
+                if feed.nav(nav):
+                    passage.published(feed.name, time.monotonic_ns())
+            self._health.solved(nav)
         elif isinstance(output, Innovation):
             innovation = innovation_report(output, offset_ns)
             for feed in self._feeds:
@@ -124,6 +151,7 @@ class _Daemon:
     async def _ready(self) -> None:
         """Tell the service manager once the filter is compiled and waiting."""
         await self._host.ready.wait()
+        self._collector.settle()
         systemd.notify_ready()
         _log.info("ready: %s", ", ".join(line.name for line in self._lines))
 
@@ -138,6 +166,7 @@ class _Daemon:
             for feed in self._feeds:
                 feed.health(report)
             systemd.notify_status(self._health.line())
+            self._collector.quiet()
             now = time.monotonic()
             if watchdog_s is not None and now - fed_at >= watchdog_s and self._health.is_flowing():
                 systemd.notify_watchdog()

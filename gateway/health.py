@@ -11,16 +11,20 @@ from drivers.links import LinkCounts
 from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
 from gateway.ingest import Intake
+from gateway.latency import Passage, StageReport, Stages
 from gateway.messages import FilterCounts
 from gateway.modes import Mode
 from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
+from gateway.realtime import RealtimeStatus
 
 SILENT_S: dict[DeviceKind, float] = {"imu": 1.0, "usbl": 60.0, "gnss": 10.0}
 """Silence of an open line after which its device is called silent; USBL may interrogate slowly."""
 FIRST_S = 10.0
 """How long a device may take to speak for the first time."""
+LOSS_OVER_S = 10.0
+"""A queue that has not dropped anything for so long keeps up again."""
 FLOWING_S = 3.0
 """A solution, or the last inertial data, younger than this counts as flowing."""
 
@@ -58,6 +62,8 @@ class HealthReport(msgspec.Struct, frozen=True):
     filter: HostStatus
     totals: FilterCounts | None
     outputs: list[SinkStatus]
+    latency: list[StageReport]
+    realtime: RealtimeStatus
 
 
 @dataclass
@@ -119,6 +125,26 @@ class Line:
         self._said_silent = quiet_s > limit_s
 
 
+class Losses:
+    """Says once that a queue is dropping what it holds, and once how much it was."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, int] = {}
+        self._under_way: dict[str, tuple[int, float]] = {}  # total before, time of the last loss
+
+    def watch(self, where: str, total: int, now: float) -> None:
+        """Look at a running total."""
+        before = self._seen.get(where, 0)
+        self._seen[where] = total
+        if total > before:
+            if where not in self._under_way:
+                _log.warning("%s is full, data is dropped and counted", where)
+            self._under_way[where] = (self._under_way.get(where, (before, now))[0], now)
+        elif where in self._under_way and now - self._under_way[where][1] > LOSS_OVER_S:
+            _log.info("%s is no longer full; lost: %d", where, total - self._under_way[where][0])
+            del self._under_way[where]
+
+
 class Health:
     """Gathers what the parts count, and knows whether solutions flow as they should."""
 
@@ -138,7 +164,11 @@ class Health:
         self._begun = self._clock()
         self._solved_at = self._begun
         self._nav: NavReport | None = None
+        self._stages = Stages()
+        self._losses = Losses()
+        self.passage = Passage(self._stages)
         self.totals: FilterCounts | None = None
+        self.realtime = RealtimeStatus()
 
     def solved(self, nav: NavReport) -> None:
         """Note a solution; a change of mode is said."""
@@ -163,8 +193,12 @@ class Health:
     def watch(self) -> None:
         """Raise the alarms that time brings."""
         now = self._clock()
+        self._stages.turn(now)
         for line in self._lines:
             line.watch(now)
+            self._losses.watch(f"{line.name}: the system", line.link.kernel_dropped, now)
+            self._losses.watch(f"{line.name}: the queue", line.link.dropped_chunks, now)
+        self._losses.watch("filter: the queue", self._host.status.dropped, now)
         if self._nav is not None and now - self._solved_at > FLOWING_S:
             _log.warning("navigation: no solution for %.0f s", now - self._solved_at)
             self._nav = None
@@ -182,11 +216,12 @@ class Health:
             filter=self._host.status,
             totals=self.totals,
             outputs=[feed.status() for feed in self._feeds],
+            latency=self._stages.report(),
+            realtime=self.realtime,
         )
 
     def line(self) -> str:
         """One line for the service manager."""
-        report = self.report()
-        totals = report.totals
+        mode, totals = Mode.INVALID if self._nav is None else self._nav.mode, self.totals
         fixes = f"{totals.fixes_used} fixes used, {totals.fixes_gated} refused" if totals else ""
-        return f"{report.mode.value}; {fixes or 'no solution yet'}"
+        return f"{mode.value}; {fixes or 'no solution yet'}"

@@ -25,6 +25,11 @@ class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
     t_ns: bytes
     rows: bytes
 
+    @property
+    def t_last_ns(self) -> int:
+        """End of the last sample."""
+        return int.from_bytes(self.t_ns[-8:], "little", signed=True)
+
 
 class _Heard(msgspec.Struct, frozen=True, array_like=True):
     """Sound of a beacon that reached an array of the vehicle at ``t_ns``."""

@@ -226,6 +226,14 @@ class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
 Output = NmeaOutput | ZenohOutput
 
 
+class Realtime(_Block, frozen=True):
+    """What the system is asked for so that nothing else holds up navigation."""
+
+    priority: Annotated[int, Meta(ge=1, le=98)] | None = None
+    """Of SCHED_FIFO, for the daemon and the filter."""
+    lock_memory: bool = False
+
+
 class Config(_Block, frozen=True):
     """The whole file."""
 
@@ -236,6 +244,7 @@ class Config(_Block, frozen=True):
     sound_speed_m_s: Annotated[float, Meta(ge=1300, le=1700)] = 1500.0
     filter: Filter = Filter()
     outputs: tuple[Output, ...] = ()
+    realtime: Realtime = Realtime()
 
     @property
     def imu(self) -> tuple[str, ImuDevice]:

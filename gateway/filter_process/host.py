@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from gateway import realtime
 from gateway.config import Config
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
@@ -103,12 +104,13 @@ class FilterHost:
         ours, theirs = pair()
         # Before the worker is there: one that dies at once, or whose host does, finds its orders.
         ours.send(encode(Start(self._config, self._rate_hz, self._checkpoint)))
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            pass_fds=(theirs.fileno(),),
-        )
+        with realtime.ordinary():  # the worker takes its priority when it is compiled and ready
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+            )
         theirs.close()
         self.status.pid = process.pid
         try:

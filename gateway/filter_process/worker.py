@@ -4,11 +4,11 @@ Run as ``python -m gateway.filter_process.worker FD``. It ends when the host clo
 leaves signals to the host, which decides about the whole.
 """
 
-import gc
 import signal
 import socket
 import sys
 
+from gateway import realtime
 from gateway.estimator import Estimator
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
@@ -39,13 +39,16 @@ def _serve(channel: socket.socket) -> None:
     with told_of_compiling(lambda: channel.send(encode(Compiling()))):
         estimator = Estimator(start.config, start.rate_hz, start.resume)
         warm_up()
-    gc.freeze()  # a full collection of what start-up made would hold up a solution by tens of ms
+    collector = realtime.Collector()
+    collector.settle()
+    realtime.enter(start.config.realtime)  # what is not granted, the host has said
     channel.send(encode(Ready()))
     while data := channel.recv(MAX_MESSAGE):
         measurement = read_in_worker(data)
         assert not isinstance(measurement, Start)
         for output in estimator.feed(measurement):
             channel.send(encode(output))
+        collector.quiet()
 
 
 if __name__ == "__main__":

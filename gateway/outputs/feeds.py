@@ -20,8 +20,13 @@ STALE_S = 1.5
 class Feed(Protocol):
     """One output; nothing here blocks or raises."""
 
-    def nav(self, report: NavReport) -> None:
-        """Take every solution; pass on those that are due."""
+    @property
+    def name(self) -> str:
+        """Of the output, as in its status."""
+        ...
+
+    def nav(self, report: NavReport) -> bool:
+        """Take every solution; pass on those that are due, and say whether this one was."""
         ...
 
     def innovation(self, report: InnovationReport) -> None:
@@ -82,12 +87,18 @@ class _NmeaFeed:
         self._pace = _Pace(settings.rate_hz)
         self._heard = self._blanked = time.monotonic()
 
-    def nav(self, report: NavReport) -> None:
+    @property
+    def name(self) -> str:
+        return self._sink.name
+
+    def nav(self, report: NavReport) -> bool:
         self._heard = time.monotonic()
         age_s = (time.time_ns() - report.utc_ns) * 1e-9
         # Of the time for which "no solution" was said nothing else is said later.
-        if self._heard - age_s > self._blanked and self._pace.is_due(report.utc_ns):
+        due = self._heard - age_s > self._blanked and self._pace.is_due(report.utc_ns)
+        if due:
             self._send(report, report.utc_ns)
+        return due
 
     def innovation(self, report: InnovationReport) -> None:
         """NMEA has no word for it."""
@@ -129,6 +140,8 @@ class _NmeaFeed:
 
 
 class _Publisher(Protocol):
+    name: str
+
     def publish(self, topic: Any, report: msgspec.Struct | dict[str, Any]) -> None: ...
 
     def status(self) -> SinkStatus: ...
@@ -141,9 +154,15 @@ class _ZenohFeed:
         self._publisher = publisher
         self._pace = _Pace(settings.rate_hz)
 
-    def nav(self, report: NavReport) -> None:
-        if self._pace.is_due(report.utc_ns):
+    @property
+    def name(self) -> str:
+        return self._publisher.name
+
+    def nav(self, report: NavReport) -> bool:
+        due = self._pace.is_due(report.utc_ns)
+        if due:
             self._publisher.publish("nav", report)
+        return due
 
     def innovation(self, report: InnovationReport) -> None:
         self._publisher.publish("innovation", report)

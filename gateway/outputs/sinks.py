@@ -49,6 +49,8 @@ class SinkStatus(msgspec.Struct, frozen=True):
 class Sink(Protocol):
     """Something that takes bytes."""
 
+    name: str
+    """Kind and place, as in the status."""
     ended: asyncio.Event
     """Set when nobody can ever read again: the reader of stdout is gone."""
 

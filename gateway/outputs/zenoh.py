@@ -207,6 +207,24 @@ def _plain(error: zenoh.ZError) -> str:
     return inner[1] if inner else text
 
 
+def ask(endpoint: str, key: str, within_s: float = 2.0) -> dict[str, bytes]:
+    """Ask what listens at an endpoint for the last word on a key or a pattern of keys.
+
+    Returns
+    -------
+    The payload of each key that was answered, in the order of the keys.
+
+    Raises
+    ------
+    UsblnavError
+        If nobody answers there.
+    """
+    with _session(endpoint) as session:
+        replies = session.get(key, timeout=within_s)
+        answers = {str(r.ok.key_expr): r.ok.payload.to_bytes() for r in replies if r.ok}
+    return dict(sorted(answers.items()))
+
+
 @contextmanager
 def open_subscription(
     endpoint: str, key: str, on_payload: Callable[[bytes], None]
@@ -225,12 +243,7 @@ def open_subscription(
     UsblnavError
         If nobody answers there.
     """
-    settings = ZenohOutput(mode="client", connect=(endpoint,))
-    try:
-        session = zenoh.open(_configuration(settings))
-    except zenoh.ZError as error:
-        raise UsblnavError(f"zenoh {endpoint}: {_plain(error)}") from error
-    try:
+    with _session(endpoint) as session:
         ext.declare_advanced_subscriber(
             session,
             key,
@@ -238,5 +251,17 @@ def open_subscription(
             history=ext.HistoryConfig(detect_late_publishers=True),
         )
         yield
+
+
+@contextmanager
+def _session(endpoint: str) -> Iterator[zenoh.Session]:
+    """Be a client of what listens at an endpoint."""
+    settings = ZenohOutput(mode="client", connect=(endpoint,))
+    try:
+        session = zenoh.open(_configuration(settings))
+    except zenoh.ZError as error:
+        raise UsblnavError(f"zenoh {endpoint}: {_plain(error)}") from error
+    try:
+        yield session
     finally:
         session.close()
