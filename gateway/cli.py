@@ -87,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"usblnav {version('usblnav')}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_run(commands)
+    _add_status(commands)
     _add_demo(commands)
     _add_replay(commands)
     _add_emulate(commands)
@@ -117,6 +118,22 @@ def _add_run(commands: Any) -> None:
         choices=["-"],
         help="also write NMEA 0183 to standard output, to pipe it to anything",
     )
+
+
+def _add_status(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "status",
+        "ask a running gateway how it fares: devices, filter, outputs, latencies",
+        "Asks over Zenoh, on this machine unless told otherwise.",
+    )
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="CONFIG.yaml", help="the gateway's configuration file"
+    )
+    parser.add_argument(
+        "--connect", metavar="ENDPOINT", help="where to ask, such as tcp/192.168.1.10:7447"
+    )
+    _add_json(parser, "the status")
 
 
 def _add_demo(commands: Any) -> None:

@@ -46,6 +46,7 @@ class DeviceReport(msgspec.Struct, frozen=True):
     gaps: int
     missing: int
     refused_datagrams: int
+    dropped_chunks: int
     dropped_bytes: int
     kernel_dropped: int
 
@@ -107,6 +108,7 @@ class Line:
             gaps=counts.gaps,
             missing=counts.missing,
             refused_datagrams=link.refused,
+            dropped_chunks=link.dropped_chunks,
             dropped_bytes=link.dropped_bytes,
             kernel_dropped=link.kernel_dropped,
         )

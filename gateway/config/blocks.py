@@ -217,7 +217,7 @@ class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
     """Publication under ``usblnav/<vehicle>/``."""
 
     mode: Literal["peer", "client", "router"] = "peer"
-    rate_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
+    rate_hz: Annotated[float, Meta(gt=0, le=10_000)] = 10.0
     connect: tuple[Endpoint, ...] = ()
     listen: tuple[Endpoint, ...] = ()
     multicast: bool = False

@@ -1,0 +1,114 @@
+"""`usblnav status`: what a running gateway says of itself, asked over Zenoh."""
+
+import re
+from argparse import Namespace
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from gateway.config import ZenohOutput, load
+from gateway.errors import ConfigError, UsblnavError
+from gateway.health import DeviceReport, HealthReport
+from gateway.latency import StageReport
+from gateway.outputs.sinks import SinkStatus
+from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask
+
+DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
+OUTPUT = ("output", "up", "sent", "dropped", "clients", "cut off", "error")
+STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max ever")
+
+
+def run(arguments: Namespace) -> int:
+    """Print the status of every vehicle that answers."""
+    endpoint, vehicle = DEFAULT_ENDPOINT, "*"
+    if arguments.config is not None:
+        config = load(arguments.config)
+        endpoint, vehicle = _endpoint(config.outputs, arguments.config), config.vehicle
+    endpoint = arguments.connect or endpoint
+    answers = ask(endpoint, f"usblnav/{vehicle}/status")
+    if not answers:
+        raise UsblnavError(f"zenoh {endpoint}: no gateway answers usblnav/{vehicle}/status")
+    for payload in answers.values():
+        if arguments.json:
+            print(payload.decode())
+        else:
+            for line in lines(_report(payload, endpoint)):
+                print(line)
+    return 0
+
+
+def lines(report: HealthReport) -> Iterator[str]:
+    """The status as a person reads it."""
+    host = report.filter
+    age = "no fix yet" if report.fix_age_s is None else f"last fix {report.fix_age_s:.1f} s ago"
+    yield f"{report.vehicle}: {report.mode.value}, {age}; up {report.up_s:.0f} s"
+    state = f"process {host.pid}, {'ready' if host.ready else 'not ready'}"
+    yield f"filter: {state}, {host.restarts} restarts, {host.waiting} waiting, {host.dropped} lost"
+    granted = report.realtime
+    priority = f"SCHED_FIFO {granted.priority}" if granted.priority else "ordinary"
+    memory = "locked" if granted.memory_locked else "not locked"
+    yield f"scheduling: {priority}, memory {memory}"
+    if report.totals is not None:
+        fixes = report.totals
+        yield (
+            f"fixes: {fixes.fixes_used} used, {fixes.fixes_gated} refused, {fixes.fixes_late} late,"
+            f" {fixes.fixes_too_late} too late, {fixes.fixes_duplicate} duplicate"
+        )
+    yield ""
+    yield from _table(DEVICE, (_device(name, d) for name, d in report.devices.items()))
+    yield ""
+    yield from _table(OUTPUT, map(_output, report.outputs))
+    yield ""
+    yield from _table(STAGE, map(_stage, report.latency))
+    yield ""
+
+
+def _report(payload: bytes, endpoint: str) -> HealthReport:
+    try:
+        return msgspec.json.decode(payload, type=HealthReport)
+    except msgspec.DecodeError as error:
+        why = f"its status is of another version ({error}); --json shows it"
+        raise UsblnavError(f"zenoh {endpoint}: {why}") from error
+
+
+def _endpoint(outputs: Sequence[object], file: Path) -> str:
+    """Where the gateway of a configuration is found: at its own place, or at its router's."""
+    for output in outputs:
+        if isinstance(output, ZenohOutput):
+            place = next(iter(output.listen or output.connect), DEFAULT_ENDPOINT)
+            return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", place)
+    raise ConfigError(["outputs: none is of type zenoh, which is what status asks"], file)
+
+
+def _device(name: str, device: DeviceReport) -> list[str]:
+    silent = "-" if device.silent_s is None else f"{device.silent_s:.1f}"
+    rejected = sum(device.rejected.values()) + sum(device.ignored.values())
+    lost = device.kernel_dropped + device.dropped_chunks
+    counts = (device.bytes, device.records, rejected, device.gaps, lost)
+    return [name, device.codec, silent, *map(str, counts)]
+
+
+def _output(output: SinkStatus) -> list[str]:
+    clients = ["-" if n is None else str(n) for n in (output.clients, output.clients_cut_off)]
+    up = "yes" if output.up else "no"
+    return [output.name, up, str(output.sent), str(output.dropped), *clients, output.error or "-"]
+
+
+def _stage(row: StageReport) -> list[str]:
+    recent = row.recent
+    times = (recent.p50_us, recent.p99_us, recent.p99_9_us, recent.max_us, row.since_start.max_us)
+    shown = ["-" if us is None else f"{us / 1e3:.3f}" for us in times]
+    return [row.stage, row.of, str(recent.count), *shown]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Columns as wide as they must be; numbers to the right."""
+    table = [head, *rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        cells = [
+            f"{cell:>{width}}" if k > 1 else f"{cell:{width}}"
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield "  ".join(cells).rstrip()
