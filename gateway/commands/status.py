@@ -15,7 +15,7 @@ from gateway.outputs.sinks import SinkStatus
 from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask
 
 DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
-OUTPUT = ("output", "up", "sent", "dropped", "clients", "cut off", "error")
+OUTPUT = ("output", "up", "sent", "dropped", "clients", "stalled", "cut off", "error")
 STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max ever")
 
 
@@ -90,9 +90,9 @@ def _device(name: str, device: DeviceReport) -> list[str]:
 
 
 def _output(output: SinkStatus) -> list[str]:
-    clients = ["-" if n is None else str(n) for n in (output.clients, output.clients_cut_off)]
-    up = "yes" if output.up else "no"
-    return [output.name, up, str(output.sent), str(output.dropped), *clients, output.error or "-"]
+    readers = (output.clients, output.clients_stalled, output.clients_cut_off)
+    counts = ["-" if n is None else str(n) for n in (output.sent, output.dropped, *readers)]
+    return [output.name, "yes" if output.up else "no", *counts, output.error or "-"]
 
 
 def _stage(row: StageReport) -> list[str]:

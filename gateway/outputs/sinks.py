@@ -44,6 +44,7 @@ class SinkStatus(msgspec.Struct, frozen=True):
     error: str = ""
     clients: int | None = None
     clients_cut_off: int | None = None
+    clients_stalled: int | None = None
 
 
 class Sink(Protocol):

@@ -22,6 +22,7 @@ from zenoh import ext
 from gateway.config import ZenohOutput
 from gateway.errors import UsblnavError
 from gateway.outputs.background import in_thread
+from gateway.outputs.readers import Readers
 from gateway.outputs.sinks import SinkStatus
 
 log = logging.getLogger(__name__)
@@ -31,6 +32,8 @@ TOPICS: tuple[Topic, ...] = ("nav", "innovation", "calibration", "status")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a peer or router listens and a client looks, when the configuration names nothing."""
 RETRY_S = (1.0, 2.0, 5.0, 10.0)
+LOOK_S = 1.0
+"""Between looks at who reads."""
 PATIENCE_S = 1.0
 """How long start and stop wait for Zenoh before they go on without it."""
 
@@ -68,6 +71,7 @@ class ZenohPublisher:
         self._encoder = msgspec.json.Encoder()
         self._last: dict[Topic, bytes] = {}
         self._line: _Line | None = None
+        self._readers = Readers(self.name)
         self._sent = self._dropped = 0
         self._error = ""
 
@@ -97,7 +101,9 @@ class ZenohPublisher:
         up = self._line is not None
         if self._line is not None and self._settings.mode == "client":
             up = bool(self._line.session.info.routers_zid())
-        return SinkStatus(self.name, up, self._sent, self._dropped, self._error)
+        readers = self._readers
+        counts = (readers.connected, readers.given_up, readers.stalled)
+        return SinkStatus(self.name, up, self._sent, self._dropped, self._error, *counts)
 
     async def keep_open(self) -> None:
         """Open the session, trying as often as needed, and close it when cancelled."""
@@ -114,7 +120,10 @@ class ZenohPublisher:
                 self._note_up(line)
                 self.tried.set()
         try:
-            await asyncio.Event().wait()
+            while True:
+                await asyncio.sleep(LOOK_S)
+                links = self._line.session.info.links()
+                self._readers.look((_ip(link.src), _ip(link.dst)) for link in links)
         finally:
             line, self._line = self._line, None
             with suppress(TimeoutError):
@@ -198,6 +207,11 @@ def _declare(session: zenoh.Session, key: str) -> ext.AdvancedPublisher:
         sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
         publisher_detection=True,
     )
+
+
+def _ip(endpoint: str) -> str:
+    """Address and port of an endpoint such as tcp/127.0.0.1:7447."""
+    return endpoint.partition("/")[2].partition("?")[0]
 
 
 def _plain(error: zenoh.ZError) -> str:

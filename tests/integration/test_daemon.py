@@ -1,10 +1,14 @@
 """The daemon as a process among processes: what fails around it, what it says, how it goes on."""
 
 import asyncio
+import json
 import os
 import signal
 import socket
+import sys
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -214,26 +218,91 @@ async def test_the_watchdog_starves_with_a_filter_that_hangs(tmp_path: Path) -> 
     assert rig.notices[-1][1] == "STOPPING=1"
 
 
-async def test_a_client_that_never_reads_holds_up_nobody(tmp_path: Path) -> None:
+PLOTTER = """
+import socket, sys
+line = socket.socket()
+line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+line.connect(("127.0.0.1", int(sys.argv[1])))
+line.recv(100)
+print("reading", flush=True)
+while line.recv(4096):
+    pass
+"""
+SUBSCRIBER = """
+import json, sys, threading, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+heard = threading.Event()
+held = session.declare_subscriber("usblnav/**", lambda sample: heard.set())
+heard.wait()
+print("reading", flush=True)
+threading.Event().wait()
+"""
+
+
+@asynccontextmanager
+async def stopped(script: str, *arguments: str) -> AsyncIterator[None]:
+    """A program that reads what the gateway sends, and is then stopped."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", script, *arguments), stdout=asyncio.subprocess.PIPE
+    )
+    try:
+        assert process.stdout is not None
+        assert await asyncio.wait_for(process.stdout.readline(), 20) == b"reading\n"
+        process.send_signal(signal.SIGSTOP)
+        yield
+    finally:
+        process.kill()
+        await process.wait()
+
+
+async def ask(rig: Rig, *options: str) -> str:
+    """What `usblnav status` prints."""
+    process = await asyncio.create_subprocess_exec(
+        *(*USBLNAV, "status", "-c", str(rig.config_file), *options),
+        stdout=asyncio.subprocess.PIPE,
+        cwd=ROOT,
+    )
+    said, _ = await asyncio.wait_for(process.communicate(), 30)
+    assert process.returncode == 0
+    return said.decode()
+
+
+async def test_stopped_readers_hold_up_nobody_and_are_counted(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     rig = Rig(tmp_path)
     sentences = ["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]
     link = {"type": "tcp", "port": port}
     server = {"type": "nmea", "link": link, "sentences": sentences, "rate_hz": 100}
     rig.write({"outputs": [*rig.config["outputs"], server]})
-    async with rig.gateway(), rig.emulator():
-        with socket.socket() as deaf:
-            deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            deaf.connect(("127.0.0.1", port))
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            draining = asyncio.create_task(reader.read(-1))
-            await rig.until("its end", lambda: rig.said("does not read, cut off"), within_s=15.0)
-            assert rig.is_right()
-            assert rig.said("cut off")[0].startswith(
-                f"usblnav: output tcp 127.0.0.1:{port}: client"
-            )
+    async with (
+        rig.gateway(),
+        rig.emulator(),
+        stopped(PLOTTER, str(port)),
+        stopped(SUBSCRIBER, rig.endpoint),
+    ):
+        rig.hear_zenoh()
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        draining = asyncio.create_task(reader.read(-1))
+        await rig.until("the plotter's end", lambda: rig.said("does not read, cut off"), 15.0)
+        await rig.until("the subscriber", lambda: rig.said("does not read; what it misses"), 15.0)
+        asked_at = len(rig.navs)
+        table, report = await ask(rig), json.loads(await ask(rig, "--json"))
+        await rig.until("more solutions", lambda: len(rig.navs) > asked_at + 10)
+        assert rig.is_right()
+        assert len(rig.said("does not read")) == 2
     heard = (await draining).split(b"\r\n")
     writer.close()
+    outputs = {output["name"]: output for output in report["outputs"]}
+    assert outputs[f"tcp 127.0.0.1:{port}"]["clients_cut_off"] == 1
+    assert outputs["zenoh peer"]["clients_stalled"] == 1
+    assert {"imu0", "usbl0", f"127.0.0.1:{port}", "zenoh", "filter"} <= set(table.split())
+    stages = {(row["stage"], row["of"]): row["recent"]["count"] for row in report["latency"]}
+    assert min(stages[stage, "imu0"] for stage in ("decode", "hand on")) > 100
+    assert min(stages[stage, "zenoh peer"] for stage in ("publish", "total")) > 10
+    assert stages["filter", "filter"] > 100
     clocks = [line.split(b",")[1] for line in heard if line.startswith(b"$GPZDA")]
     times = [int(t[:2]) * 3600 + int(t[2:4]) * 60 + float(t[4:]) for t in clocks]
     assert len(times) > 200
