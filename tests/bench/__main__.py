@@ -20,7 +20,7 @@ def main() -> None:
             *decoding.measure(),
         ]
         os.sched_setaffinity(0, cores)
-        rows += [*live.measure(source), *starting.measure(source)]
+        rows += [*roundtrip.measure(source), *live.measure(), *starting.measure(source)]
     print(f"{source.name}, {len(cores)} cores, load {os.getloadavg()[0]:.1f}")
     width = max(len(name) for name, _, _ in rows)
     for name, value, unit in rows:

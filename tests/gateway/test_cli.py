@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ from gateway.emulator.twin import DEMO
 from tests.gateway.test_config import EVERY_FAULT, EVERY_KIND
 from tests.shared_data import ROOT
 
-COMMANDS = ["run", "demo", "replay", "emulate", "check", "codecs", "decode", "study"]
+COMMANDS = ["run", "status", "demo", "replay", "emulate", "check", "codecs", "decode", "study"]
 USBLNAV = [sys.executable, "-m", "gateway"]
 FRAMES = [
     KVH1750.encode(
@@ -359,3 +360,18 @@ def test_emulate_writes_a_capture(tmp_path: Path) -> None:
     counted = dict(re.findall(r"^(\w+): (\d+) frames", done.stdout.decode(), re.MULTILINE))
     assert int(counted["imu0"]) == ports.count(7001) == 400
     assert len(truth.read_text().splitlines()) > 2
+
+
+def test_status_of_nobody_is_one_line(tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    done = usblnav("status", "--connect", endpoint)
+    assert (done.returncode, done.stdout) == (1, b"")
+    assert lines(done.stderr) == [f"usblnav: zenoh {endpoint}: nobody answers"]
+    silent = tmp_path / "config.yaml"
+    silent.write_text((ROOT / "config.yaml").read_text().partition("\noutputs:")[0])
+    done = usblnav("status", "-c", str(silent))
+    assert (done.returncode, done.stdout) == (2, b"")
+    fault = "outputs: none is of type zenoh, which is what status asks"
+    assert lines(done.stderr) == [f"{silent}: {fault}"]
