@@ -4,7 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from tests.bench import against_c, decoding, live, replayed, starting, steps
+from tests.bench import against_c, decoding, live, replayed, roundtrip, starting, steps
 
 
 def main() -> None:
