@@ -20,7 +20,7 @@ LENGTH_MAX = 82
 
 Checksum = Literal["required", "optional", "forbidden"]
 
-_SENTENCE = re.compile(r"\$([A-Z0-9]{3,})((?:,[^$*!,]*)*)(?:\*([0-9A-Fa-f]{2})?)?")
+_SENTENCE = re.compile(r"\$([A-Z0-9]{3,})((?:,[^$*!]*)?)(?:\*([0-9A-Fa-f]{2})?)?")
 _RESERVED = frozenset("$*!,\\^~\r\n")
 _DEGREES = re.compile(r"(\d{1,3})(\d{2}(?:\.\d+)?)")
 
