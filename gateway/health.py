@@ -19,7 +19,15 @@ from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import RealtimeStatus
 
-SILENT_S: dict[DeviceKind, float] = {"imu": 1.0, "usbl": 60.0, "gnss": 10.0}
+SILENT_S: dict[DeviceKind, float] = {
+    "imu": 1.0,
+    "usbl": 60.0,
+    "lbl": 60.0,
+    "gnss": 10.0,
+    "depth": 10.0,
+    "dvl": 10.0,
+    "heading": 10.0,
+}
 """Silence of an open line after which its device is called silent; USBL may interrogate slowly."""
 FIRST_S = 10.0
 """How long a device may take to speak for the first time."""

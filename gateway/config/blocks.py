@@ -31,7 +31,7 @@ Endpoint = Annotated[
 ]
 
 
-DeviceKind = Literal["imu", "usbl", "gnss"]
+DeviceKind = Literal["imu", "usbl", "lbl", "gnss", "depth", "dvl", "heading"]
 
 
 class _Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -72,12 +72,45 @@ class GnssNoise(_Block, frozen=True):
     velocity_m_s: Positive
 
 
+class LblNoise(_Block, frozen=True):
+    """White errors of one reply, 1 sigma."""
+
+    range_m: Positive
+    range_rate_m_s: Positive = 0.05
+
+
+class DepthNoise(_Block, frozen=True):
+    """White error of one depth, 1 sigma; waves are in it near the surface."""
+
+    depth_m: Positive
+
+
+class DvlNoise(_Block, frozen=True):
+    """White errors of one ping, 1 sigma: forward, starboard, down in the log's own axes."""
+
+    velocity_m_s: PositiveTriple
+
+
+class HeadingNoise(_Block, frozen=True):
+    """White error of one heading, 1 sigma."""
+
+    heading_deg: Positive
+
+
 class UsblPrior(_Block, frozen=True):
     """1-sigma of the constant acoustic errors to estimate; 0 takes one as known."""
 
     mounting_deg: NonNegative = 0.0
     bearing_deg: NonNegative = 0.0
     elevation_deg: NonNegative = 0.0
+    range_scale: NonNegative = 0.0
+    lever_arm_m: NonNegative = 0.0
+    latency_ms: NonNegative = 0.0
+
+
+class LblPrior(_Block, frozen=True):
+    """1-sigma of the constant errors of ranges to estimate; 0 takes one as known."""
+
     range_scale: NonNegative = 0.0
     lever_arm_m: NonNegative = 0.0
     latency_ms: NonNegative = 0.0
@@ -115,6 +148,22 @@ class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     prior: UsblPrior = UsblPrior()
 
 
+class LblDevice(_Block, frozen=True, tag_field="kind", tag="lbl"):
+    """A transducer that interrogates moored transponders: ranges, no angles."""
+
+    kind: ClassVar[DeviceKind] = "lbl"
+
+    codec: str
+    link: Link
+    noise: LblNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    beacons: tuple[str, ...] = ()
+    """Whom it interrogates; all beacons of the file unless named."""
+    prior: LblPrior = LblPrior()
+
+
 class GnssDevice(_Block, frozen=True, tag_field="kind", tag="gnss"):
     """A satellite receiver; the lever arm is its antenna's."""
 
@@ -128,7 +177,51 @@ class GnssDevice(_Block, frozen=True, tag_field="kind", tag="gnss"):
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
 
 
-Device = ImuDevice | UsblDevice | GnssDevice
+class DepthDevice(_Block, frozen=True, tag_field="kind", tag="depth"):
+    """A pressure sensor; the height of the surface above it must be known."""
+
+    kind: ClassVar[DeviceKind] = "depth"
+
+    codec: str
+    link: Link
+    noise: DepthNoise
+    surface_height_m: float
+    """Of the water's surface above the ellipsoid: geoid and tide."""
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+
+
+class DvlDevice(_Block, frozen=True, tag_field="kind", tag="dvl"):
+    """A Doppler velocity log that tracks the bottom."""
+
+    kind: ClassVar[DeviceKind] = "dvl"
+
+    codec: str
+    link: Link
+    noise: DvlNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
+    """True speed of sound at its transducers over the one it was told."""
+
+
+class HeadingDevice(_Block, frozen=True, tag_field="kind", tag="heading"):
+    """A compass of true north."""
+
+    kind: ClassVar[DeviceKind] = "heading"
+
+    codec: str
+    link: Link
+    noise: HeadingNoise
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+    mounting_deg: Triple = (0.0, 0.0, 0.0)
+
+
+Device = ImuDevice | UsblDevice | LblDevice | GnssDevice | DepthDevice | DvlDevice | HeadingDevice
 
 
 class Beacon(_Block, frozen=True):
@@ -255,6 +348,16 @@ class Config(_Block, frozen=True):
     def usbl(self) -> dict[str, UsblDevice]:
         """The acoustic arrays by name."""
         return {n: d for n, d in self.devices.items() if isinstance(d, UsblDevice)}
+
+    @property
+    def lbl(self) -> dict[str, LblDevice]:
+        """The interrogators of moored transponders by name."""
+        return {n: d for n, d in self.devices.items() if isinstance(d, LblDevice)}
+
+    @property
+    def acoustic(self) -> dict[str, UsblDevice | LblDevice]:
+        """All that hear beacons, by name."""
+        return {**self.usbl, **self.lbl}
 
     @property
     def gnss(self) -> dict[str, GnssDevice]:

@@ -16,6 +16,7 @@ from gateway.config.blocks import (
     GnssDevice,
     ImuDevice,
     ImuNoise,
+    LblDevice,
     UsblDevice,
     ZenohOutput,
 )
@@ -48,7 +49,7 @@ def _one_imu(config: Config) -> Iterator[str]:
 
 
 def _one_of_a_kind(config: Config) -> Iterator[str]:
-    for kind in ("usbl", "gnss"):
+    for kind in ("usbl", "lbl", "gnss"):
         alike = [name for name, device in _readable(config).items() if device.kind == kind]
         if len(alike) > 1:
             yield f"devices: {', '.join(alike)} are all of kind {kind}; only one is available yet"
@@ -74,9 +75,37 @@ def _codecs(config: Config) -> Iterator[str]:
 
 
 def _beacons(config: Config) -> Iterator[str]:
-    arrays = [name for name, dev in _readable(config).items() if isinstance(dev, UsblDevice)]
-    if arrays and known(config.beacons) and not config.beacons:
-        yield f"beacons: missing; devices.{arrays[0]} needs at least one"
+    if not known(config.beacons):
+        return
+    for name, device in _readable(config).items():
+        if not config.beacons and isinstance(device, UsblDevice | LblDevice):
+            yield f"beacons: missing; devices.{name} needs at least one"
+            return
+        if isinstance(device, LblDevice) and known(device.beacons):
+            for n, beacon in enumerate(device.beacons):
+                if beacon not in config.beacons:
+                    yield f'devices.{name}.beacons[{n}]: no beacon is called "{beacon}"'
+
+
+def _shared_constants(config: Config) -> Iterator[str]:
+    """Lever arm and latency are estimated for one acoustic device, of which there may be two."""
+    acoustic = {
+        name: device
+        for name, device in _readable(config).items()
+        if isinstance(device, UsblDevice | LblDevice)
+    }
+    if len(acoustic) < 2:
+        return
+    for name, device in acoustic.items():
+        prior = device.prior
+        if not known(prior):
+            continue
+        for key, sigma in (("lever_arm_m", prior.lever_arm_m), ("latency_ms", prior.latency_ms)):
+            if known(sigma) and sigma > 0.0:
+                yield (
+                    f"devices.{name}.prior.{key}: estimated for one acoustic device only;"
+                    f" there are {' and '.join(acoustic)}"
+                )
 
 
 def _latencies(config: Config) -> Iterator[str]:
@@ -214,6 +243,7 @@ _CHECKS = (
     _one_of_a_kind,
     _codecs,
     _beacons,
+    _shared_constants,
     _latencies,
     _alignment,
     _collisions,

@@ -6,7 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.config import Config, ImuNoise, Initial
+from gateway.config import (
+    Config,
+    DepthDevice,
+    DvlDevice,
+    GnssDevice,
+    HeadingDevice,
+    ImuNoise,
+    Initial,
+    LblDevice,
+    UsblDevice,
+)
 from gateway.config import Filter as FilterChoice
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.observation import AcousticArray, Loose, Model, Mount, Transponder
@@ -75,14 +85,14 @@ def initial_state(config: Config) -> State:
     noise = config.imu[1].noise
     _set(P, BG, noise.gyro_bias_deg_h * DEG_H)
     _set(P, BA, noise.accel_bias_ug * UG)
-    for device in config.usbl.values():
-        prior = device.prior
-        _set(P, THETA, np.radians(prior.mounting_deg))
-        _set(P, DALPHA, np.radians(prior.elevation_deg))
-        _set(P, DBETA, np.radians(prior.bearing_deg))
-        _set(P, DKD, prior.range_scale)
-        _set(P, LEVER, prior.lever_arm_m)
-        _set(P, LATENCY, prior.latency_ms * 1e-3)
+    for array in config.usbl.values():
+        _set(P, THETA, np.radians(array.prior.mounting_deg))
+        _set(P, DALPHA, np.radians(array.prior.elevation_deg))
+        _set(P, DBETA, np.radians(array.prior.bearing_deg))
+    for device in config.acoustic.values():
+        _widen(P, DKD, device.prior.range_scale)
+        _widen(P, LEVER, device.prior.lever_arm_m)
+        _widen(P, LATENCY, device.prior.latency_ms * 1e-3)
     columns = np.flatnonzero((P.diagonal() > 0.0) | (np.arange(N_FULL) < sd.N_CORE))
     return State.at(
         C @ C_from_euler(roll, pitch, heading),
@@ -107,27 +117,14 @@ def attitude_deg(first: Initial) -> tuple[Triple, Triple]:
 
 def model(config: Config) -> Model:
     """Everything the filter takes as known."""
+    arrays = {name: _array(device) for name, device in config.usbl.items()}
+    transducers = {name: _transducer(device) for name, device in config.lbl.items()}
     return Model(
         error=FAMILY[config.filter.error],
         q=noise_densities(config.imu[1].noise),
         gate=config.filter.innovation_gate,
         sound_speed=config.sound_speed_m_s,
-        arrays={
-            name: AcousticArray(
-                ArrayGeometry(np.asarray(d.lever_arm_m), mounting(d.mounting_deg)),
-                np.array(
-                    [
-                        np.radians(d.noise.elevation_deg),
-                        np.radians(d.noise.bearing_deg),
-                        d.noise.range_m,
-                    ]
-                ),
-                d.noise.range_rate_m_s,
-                np.array(d.elements_m or ((0.0, 0.0, 0.0),)),
-                d.radial_rate == "elements",
-            )
-            for name, d in config.usbl.items()
-        },
+        arrays=arrays | transducers,
         beacons={
             name: Transponder(
                 lla_to_ecef(np.radians(b.lat_deg), np.radians(b.lon_deg), b.height_m),
@@ -136,13 +133,47 @@ def model(config: Config) -> Model:
             )
             for name, b in config.beacons.items()
         },
-        mounts={
-            name: Mount(np.asarray(d.lever_arm_m), np.eye(3)) for name, d in config.gnss.items()
-        },
+        mounts=_mounts(config),
         loose=_loose(config.filter),
         robust=config.filter.robust,
         adaptive_noise=config.filter.adaptive_noise,
     )
+
+
+def _array(device: UsblDevice) -> AcousticArray:
+    """An array and its noise."""
+    noise = device.noise
+    angles = np.radians([noise.elevation_deg, noise.bearing_deg])
+    return AcousticArray(
+        ArrayGeometry(np.asarray(device.lever_arm_m), mounting(device.mounting_deg)),
+        np.array([*angles, noise.range_m]),
+        noise.range_rate_m_s,
+        np.array(device.elements_m or ((0.0, 0.0, 0.0),)),
+        device.radial_rate == "elements",
+    )
+
+
+def _transducer(device: LblDevice) -> AcousticArray:
+    """An array of one element, which has no angles."""
+    return AcousticArray(
+        ArrayGeometry(np.asarray(device.lever_arm_m), np.eye(3)),
+        np.array([np.inf, np.inf, device.noise.range_m]),
+        device.noise.range_rate_m_s,
+    )
+
+
+def _mounts(config: Config) -> dict[str, Mount]:
+    """Where the sensors sit that measure the vehicle itself, by name."""
+    mounts: dict[str, Mount] = {}
+    for name, device in config.devices.items():
+        match device:
+            case GnssDevice(lever_arm_m=lever_arm) | DepthDevice(lever_arm_m=lever_arm):
+                mounts[name] = Mount(np.asarray(lever_arm), np.eye(3))
+            case DvlDevice(lever_arm_m=lever_arm, mounting_deg=angles):
+                mounts[name] = Mount(np.asarray(lever_arm), mounting(angles))
+            case HeadingDevice(mounting_deg=angles):
+                mounts[name] = Mount(np.zeros(3), mounting(angles))
+    return mounts
 
 
 def _loose(choice: FilterChoice) -> Loose | None:
@@ -155,6 +186,11 @@ def _loose(choice: FilterChoice) -> Loose | None:
 def mounting(angles_deg: Sequence[float]) -> Array:
     """(3, 3) C_bs of roll, pitch, heading of a sensor's axes in the body (degrees)."""
     return C_from_euler(*np.radians(angles_deg))
+
+
+def _widen(P: Array, where: slice | int, sigma: float) -> None:
+    """The same where another device may have a say: the larger counts."""
+    _set(P, where, max(sigma, float(np.sqrt(P.diagonal()[where].max()))))
 
 
 def _set(P: Array, where: slice | int, sigma: float) -> None:

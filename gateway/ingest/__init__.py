@@ -9,10 +9,23 @@ from typing import Protocol
 
 from drivers.codec import Decoder
 from drivers.records import Record, Rejected
-from gateway.config import Config, Device, GnssDevice, ImuDevice, UsblDevice, wire_format
+from gateway.config import (
+    Config,
+    DepthDevice,
+    Device,
+    DvlDevice,
+    GnssDevice,
+    HeadingDevice,
+    ImuDevice,
+    LblDevice,
+    UsblDevice,
+    wire_format,
+)
+from gateway.ingest.aiding import depth_ingest, dvl_ingest, heading_ingest
 from gateway.ingest.device import DeviceCounts
 from gateway.ingest.gnss import GnssIngest
 from gateway.ingest.imu import ImuIngest
+from gateway.ingest.lbl import LblIngest, Sea
 from gateway.ingest.usbl import UsblIngest
 from gateway.messages import Measurement
 
@@ -36,10 +49,10 @@ class Ingest(Protocol):
 class Intake:
     """One device's whole way in: bytes as they arrived, measurements out."""
 
-    def __init__(self, name: str, device: Device) -> None:
+    def __init__(self, name: str, device: Device, sea: Sea | None = None) -> None:
         codec, options = wire_format(device)
         self._decoder: Decoder = codec.decoder(options)
-        self._ingest = _ingest(name, device)
+        self._ingest = _ingest(name, device, sea or Sea())
         self.counts = self._ingest.counts
 
     def feed(self, data: bytes, t_rx_ns: int) -> None:
@@ -58,16 +71,25 @@ class Intake:
         return self._ingest.flush()
 
 
-def _ingest(name: str, device: Device) -> Ingest:
+def _ingest(name: str, device: Device, sea: Sea) -> Ingest:
     match device:
         case ImuDevice():
             return ImuIngest(device)
         case UsblDevice():
             return UsblIngest(name, device)
+        case LblDevice():
+            return LblIngest(name, device, sea)
         case GnssDevice():
             return GnssIngest(name, device)
+        case DepthDevice():
+            return depth_ingest(name, device)
+        case DvlDevice():
+            return dvl_ingest(name, device)
+        case HeadingDevice():
+            return heading_ingest(name, device)
 
 
 def intakes(config: Config) -> dict[str, Intake]:
     """One intake for each device of the configuration."""
-    return {name: Intake(name, device) for name, device in config.devices.items()}
+    sea = Sea.of(config)
+    return {name: Intake(name, device, sea) for name, device in config.devices.items()}

@@ -100,7 +100,7 @@ devices.usbl0.link.port: expected an integer from 1 to 65535, got "7002" (take a
 devices.usbl0.noise.range_m: missing
 devices.usbl0.noise.range_cm: unknown key; did you mean range_m?
 devices.usbl0.lever_arm_m: expected a list of 3 numbers, got 2
-devices.dvl0.kind: unknown kind "dvll"; one of: imu, usbl, gnss
+devices.dvl0.kind: unknown kind "dvll"; one of: imu, usbl, lbl, gnss, depth, dvl, heading
 initial.lat_deg: expected a number from -90 to 90, got 98
 initial.attitude_deg[2]: expected a number, got "north"
 initial.sigma.position_m[2]: expected a number >= 0, got -1
@@ -171,7 +171,7 @@ ONE_FAULT: list[tuple[str, Any, str, str]] = [
     ("vehicle", "auv\n", "", f'{NAME} "auv\\n"'),
     ("devices", GONE, "", "missing"),
     ("devices", 4, "", "expected a block of keys, got 4"),
-    ("devices.usbl0.kind", GONE, "", "missing; one of: imu, usbl, gnss"),
+    ("devices.usbl0.kind", GONE, "", "missing; one of: imu, usbl, lbl, gnss, depth, dvl, heading"),
     ("devices.usbl0", None, "", "expected a block of keys, got nothing"),
     ("devices.imu0.options", {"gyr": "g"}, ".gyr", "unknown key; did you mean gyro?"),
     ("devices.imu0.options", {"gyro": "rpm"}, ".gyro", f'{GYRO} "rpm"'),
