@@ -135,7 +135,7 @@ def replies(**one_way_s: float) -> tuple[LblReply, ...]:
 
 
 def test_replies_of_one_ping_are_each_of_their_own_moment():
-    """B answers 0.25 s late, so its reply is the last: 0.45 s after the ping; A's came after 0.2."""
+    """B answers 0.25 s late: its reply is the last, 0.45 s after the ping; A came at 0.2."""
     record = LblRecord(t_rx_ns=T0, t_ping_s=100.0, replies=replies(A=0.1, B=0.1))
     a, b = taken(lbl(clock={"latency_ms": 50}), record)
     last = T0 - 50_000_000
