@@ -4,8 +4,9 @@ What comes out depends on the measurements and their order only, never on how th
 a replay gives what the live run gave.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
+from gateway.fusion.saved import memory_of, saved
 from gateway.fusion.start import Start
 from gateway.fusion.state import State
 from gateway.messages import (
@@ -26,11 +28,22 @@ from gateway.messages import (
     Innovation,
     Measurement,
     NavSolution,
+    SavedState,
 )
 from gateway.modes import Mode
-from gateway.timeline import Timeline
+from gateway.timeline import Note, OrderCounts, Timeline
 
 CALIBRATION_PERIOD_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class _Totals:
+    """What stands beside a note of the timeline in a checkpoint."""
+
+    note: Note
+    received: int
+    said: int
+    imu_samples: int
 
 
 class Estimator:
@@ -43,11 +56,10 @@ class Estimator:
     rate_hz
         Solutions a second: one at the first sample of each period.
     resume
-        Where an earlier process left off; None begins at the configured initial state, or with
-        finding the attitude where `initial.align` says so.
-    away
-        Whether time was lost since (see `gateway.fusion.restart.inflate`): then the attitude is
-        found anew where `initial.align` says how.
+        Where an earlier process left off. A `Checkpoint` wants all measurements since and goes on
+        exactly; of a `SavedState` time was lost (see `gateway.fusion.restart.inflate`): the
+        attitude is found anew where `initial.align` says how. None begins at the configured
+        initial state, or with finding the attitude.
     engine
         Makes the filter from its model and memory: one that also takes notes, for a replay.
     """
@@ -56,9 +68,8 @@ class Estimator:
         self,
         config: Config,
         rate_hz: float,
-        resume: Checkpoint | None = None,
+        resume: Checkpoint | SavedState | None = None,
         engine: Callable[[Model, Memory], Filter] = Filter,
-        away: bool = False,
     ) -> None:
         self._config = config
         self._engine = engine
@@ -69,13 +80,17 @@ class Estimator:
         self._t_last_ns = 0
         self._second = 0
         self._received = 0
-        self._sound = initial.initial_state(config)
-        self._begin(Memory(self._sound.copy()) if resume is None else _memory(resume))
+        self._said = 0
+        self._taken_ns: int | None = None
         self._start: Start | None = None
-        if config.initial.align is not None and (resume is None or away):
-            self._start = Start(
-                config, None if resume is None else self._filter.memory.state.copy()
-            )
+        if isinstance(resume, Checkpoint):
+            self._go_on(resume)
+            return
+        memory = Memory(initial.initial_state(config)) if resume is None else memory_of(resume)
+        self._sound = memory.state.copy()
+        self._begin(memory)
+        if config.initial.align is not None:
+            self._start = Start(config, None if resume is None else memory.state.copy())
         if resume is not None:
             self._t_last_ns = resume.t_ns
             self._second = resume.t_ns // CALIBRATION_PERIOD_NS
@@ -83,6 +98,12 @@ class Estimator:
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it."""
         self._received += 1
+        for output in self._take(measurement):
+            self._said += not isinstance(output, SavedState | Checkpoint)
+            yield output
+
+    def _take(self, measurement: Measurement) -> Iterator[FilterOutput]:
+        """Take one measurement; give what follows."""
         if isinstance(measurement, ImuBlock):
             yield from self._feed_samples(measurement)
         elif self._start is not None:
@@ -104,23 +125,42 @@ class Estimator:
             resets=self._resets,
         )
 
-    def _begin(self, memory: Memory) -> None:
-        """Start a filter and an empty history."""
+    def _begin(self, memory: Memory, after: Note | None = None) -> None:
+        """Start a filter and a history, empty but for what a note tells."""
         self._filter = self._engine(initial.model(self._config), memory)
         self._timeline: Timeline[Innovation] = Timeline(
-            self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s
+            self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s, after=after
         )
+        self._noted: deque[_Totals] = deque()
+
+    def _go_on(self, at: Checkpoint) -> None:
+        """Take over from an earlier process."""
+        self._received, self._said = at.received, at.said
+        self._samples, self._resets = at.imu_samples, at.resets
+        self._t_last_ns = self._taken_ns = at.t_ns
+        self._second = at.t_ns // CALIBRATION_PERIOD_NS
+        memory = replace(memory_of(at.state), origin_e=np.array(at.origin_e))
+        self._sound = memory.state.copy()
+        known = tuple((fix.t_ns, _key(fix), fix) for fix in at.fixes)
+        order = OrderCounts(at.fixes_late, at.fixes_too_late, at.fixes_duplicate)
+        past = {t_ns: np.frombuffer(row).copy() for t_ns, row in at.past.items()}
+        self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, order, past=past))
 
     def _begin_again(self) -> None:
         """Start at the last sound state with the configured uncertainty."""
         sound, fresh = self._sound, initial.initial_state(self._config)
         self._resets += 1
+        order = self._timeline.counts
         self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, fresh.P, fresh.columns)))
+        self._timeline.counts = order
 
     def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
         """Run over a block, pausing at every sample after which a solution is due."""
         t_ns = np.frombuffer(block.t_ns, dtype=np.int64)
         rows = np.frombuffer(block.rows, dtype=np.float64).reshape(-1, 8)
+        if self._taken_ns is not None:  # a checkpoint may lie within a block
+            new = t_ns > self._taken_ns
+            t_ns, rows = t_ns[new], rows[new]
         begin = 0
         for end in self._due(t_ns):
             yield from self._extend(t_ns[begin:end], rows[begin:end])
@@ -147,7 +187,7 @@ class Estimator:
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
-        verdicts = self._timeline.insert(fix, fix.t_ns, repr(fix))
+        verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
         if verdicts is None:
             nan = float("nan")
             yield Innovation(fix.t_ns, fix.device, fix.beacon, (), nan, False, "late_or_duplicate")
@@ -177,28 +217,45 @@ class Estimator:
             self._sound = memory.state.copy()
             yield calibration(memory.state, t_ns)
             yield self.counts()
-            yield self._checkpoint(t_ns)
+            yield saved(memory, t_ns)
+            yield from self._checkpoints()
 
     def _is_new_second(self, t_ns: int) -> bool:
         """Whether the totals of this second are still to be said."""
         before, self._second = self._second, t_ns // CALIBRATION_PERIOD_NS
         return self._second != before
 
-    def _checkpoint(self, t_ns: int) -> Checkpoint:
-        """What a new process needs to go on from here."""
-        memory = self._filter.memory
+    def _checkpoints(self) -> Iterator[Checkpoint]:
+        """Note the present, and give an earlier one that nothing can change any more.
+
+        The block in hand does not count as received: it may go on beyond this sample.
+        """
+        note = self._timeline.note()
+        self._noted.append(_Totals(note, self._received - 1, self._said, self._samples))
+        settled = self._timeline.settled()
+        if settled is None:
+            return
+        while self._noted[0].note is not settled:
+            self._noted.popleft()
+        yield self._checkpoint(self._noted.popleft())
+
+    def _checkpoint(self, at: _Totals) -> Checkpoint:
+        """What a new process needs to go on from a settled note."""
+        note = at.note
         return Checkpoint(
-            t_ns=t_ns,
-            received=self._received,
-            x=memory.state.x.tobytes(),
-            P=memory.state.P.tobytes(),
-            columns=memory.state.columns.tobytes(),
-            used=memory.used,
-            gated=memory.gated,
-            refused_in_a_row=memory.refused_in_a_row,
-            t_used_ns=memory.t_used_ns,
-            quality=memory.quality.copy(),
-            noise=memory.noise.copy(),
+            state=saved(note.state, note.t_ns),
+            received=at.received,
+            said=at.said + note.told,
+            began_ns=note.began_ns,
+            origin_e=tuple(self._filter.origin_e.tolist()),
+            fixes=tuple(fix for _, _, fix in note.known),
+            past={t_ns: row.tobytes() for t_ns, row in note.past.items()},
+            consumed=note.count,
+            imu_samples=at.imu_samples,
+            fixes_late=note.order.late,
+            fixes_too_late=note.order.too_late,
+            fixes_duplicate=note.order.duplicate,
+            resets=self._resets,
         )
 
     def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
@@ -214,18 +271,6 @@ class Estimator:
         return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING
 
 
-def _memory(saved: Checkpoint) -> Memory:
-    """The filter's memory as a checkpoint holds it."""
-    # A copy of each: for arrays that may not be written to, functions are compiled anew.
-    x = np.frombuffer(saved.x).copy()
-    columns = np.frombuffer(saved.columns, dtype=np.int64).copy()
-    P = np.frombuffer(saved.P).reshape(len(columns), len(columns)).copy()
-    return Memory(
-        State(x, P, columns),
-        saved.used,
-        saved.gated,
-        saved.refused_in_a_row,
-        saved.t_used_ns,
-        saved.quality.copy(),
-        saved.noise.copy(),
-    )
+def _key(fix: Fix) -> str:
+    """What tells a fix from others of its time."""
+    return repr(fix)

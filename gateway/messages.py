@@ -222,16 +222,14 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
     resets: int
 
 
-class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):
-    """Enough of the filter to go on from in a new process.
+class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
+    """The filter at ``t_ns``: what a gateway that was away begins with again.
 
-    ``x`` and ``P`` are the float64 bytes of mean and covariance at ``t_ns``, ``columns`` the int64
-    bytes of what the covariance holds; ``received`` is the
-    number of measurements the process had taken.
+    ``x`` and ``P`` are the float64 bytes of mean and covariance, ``columns`` the int64 bytes of
+    what the covariance holds.
     """
 
     t_ns: int
-    received: int
     x: bytes
     P: bytes
     columns: bytes
@@ -243,4 +241,39 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     noise: dict[str, float] = {}
 
 
-FilterOutput = NavSolution | Innovation | Calibration | FilterCounts | Checkpoint
+class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):
+    """A moment of the past from which a new process says what the old one says, bit for bit.
+
+    It is given all measurements again but the first ``received``, in the order of their arrival;
+    its first output then is the one after ``said`` of the old process. Both count from the very
+    first process on; states and checkpoints are not counted among the outputs.
+
+    ``state`` holds all measurements up to its time that ever came, later ones too. ``fixes`` are
+    those that had come by then: their repetition is told, those that lie ahead still wait.
+    ``past`` is the (12,) float64 track before the state's time, by time in ns, as far as fixes
+    after it ask for it. The rest are the totals of then.
+    """
+
+    state: SavedState
+    received: int
+    said: int
+    began_ns: int
+    origin_e: Vec3
+    fixes: tuple[Fix, ...]
+    past: dict[int, bytes]
+    consumed: int
+    """Samples since the filter began; ``imu_samples`` are all, those of an alignment too."""
+    imu_samples: int
+    fixes_late: int
+    fixes_too_late: int
+    fixes_duplicate: int
+    resets: int
+
+    @property
+    def t_ns(self) -> int:
+        """Time of the state."""
+        return self.state.t_ns
+
+
+FilterOutput = NavSolution | Innovation | Calibration | FilterCounts | SavedState | Checkpoint
+"""What the estimator says; the last two are for its keeper."""

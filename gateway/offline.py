@@ -16,6 +16,7 @@ from gateway.fusion.filter import Memory
 from gateway.fusion.observation import Model, observe
 from gateway.fusion.recording import NotingFilter, RecordingFilter, Use
 from gateway.fusion.report import calibration, solution
+from gateway.fusion.saved import state_of
 from gateway.fusion.smoother import between, smooth
 from gateway.fusion.state import State
 from gateway.messages import (
@@ -26,6 +27,7 @@ from gateway.messages import (
     ImuBlock,
     Measurement,
     NavSolution,
+    SavedState,
 )
 from gateway.modes import Mode
 from gateway.nav import strapdown
@@ -66,8 +68,8 @@ class ForwardPass:
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it."""
         for output in self._estimator.feed(measurement):
-            if isinstance(output, Checkpoint):
-                self._last = _state(output)
+            if isinstance(output, SavedState):
+                self._last = state_of(output)
             yield output
 
     def finish(self) -> Iterator[FilterOutput]:
@@ -138,7 +140,7 @@ class SmoothedPass:
             for output in self._estimator.feed(measurement):
                 if not self._stretches:
                     yield output  # no filter yet: nothing to smooth
-                elif not isinstance(output, Checkpoint):
+                elif not isinstance(output, SavedState | Checkpoint):
                     stretch = self._stretches[-1]
                     stretch.epochs.append((stretch.engine.consumed, output))
         for stretch in self._stretches:
@@ -220,13 +222,6 @@ def _is_of_state(output: FilterOutput) -> bool:
     if isinstance(output, NavSolution):
         return output.mode is not Mode.FAULT
     return isinstance(output, Calibration)
-
-
-def _state(saved: Checkpoint) -> State:
-    """Mean and covariance as a checkpoint holds them."""
-    columns = np.frombuffer(saved.columns, dtype=np.int64)
-    P = np.frombuffer(saved.P).reshape(len(columns), len(columns))
-    return State(np.frombuffer(saved.x), P, columns)
 
 
 def _residuals(model: Model, use: Use, state: State, constants: Array) -> list[Residual]:

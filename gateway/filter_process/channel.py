@@ -5,7 +5,7 @@ import socket
 import msgspec
 
 from gateway.config import Config
-from gateway.messages import Checkpoint, FilterOutput, Measurement
+from gateway.messages import Checkpoint, FilterOutput, Measurement, SavedState
 
 MAX_MESSAGE = 1 << 18
 BUFFER_BYTES = 1 << 20
@@ -16,7 +16,7 @@ class Start(msgspec.Struct, frozen=True, array_like=True, tag="start"):
 
     config: Config
     rate_hz: float
-    resume: Checkpoint | None
+    resume: Checkpoint | SavedState | None
 
 
 class Compiling(msgspec.Struct, frozen=True, array_like=True, tag="compiling"):

@@ -21,7 +21,7 @@ from gateway.filter_process.channel import (
     pair,
     read_in_host,
 )
-from gateway.messages import Checkpoint, FilterOutput, Measurement, NavSolution
+from gateway.messages import Checkpoint, FilterOutput, Measurement, SavedState
 
 MAX_WAITING = 20_000
 """Messages kept for the worker: minutes of a fast IMU; beyond it the oldest go, and are counted."""
@@ -64,9 +64,11 @@ class FilterHost:
         self._config = config
         self._rate_hz = rate_hz
         self._on_output = on_output
-        self._checkpoint: Checkpoint | None = None
+        self._resume: Checkpoint | SavedState | None = None
+        self._state: SavedState | None = None
         self._acknowledged = 0
-        self._t_solved_ns = 0
+        self._said = 0
+        self._heard = 0
         self._sent: deque[bytes] = deque()
         self._waiting: deque[bytes] = deque()
         self._socket: socket.socket | None = None
@@ -88,12 +90,13 @@ class FilterHost:
         """Keep a worker running until cancelled; then end it."""
         failures = 0
         while True:
-            checkpoint = self._checkpoint
+            solved_ns = self._solved_ns()
             how = await self._run_once()
-            failures = failures + 1 if self._checkpoint is checkpoint else 0
+            failures = failures + 1 if self._solved_ns() <= solved_ns else 0
             if failures > 1:  # it may be dying of what it is fed
                 self.status.dropped += len(self._sent)
                 self._sent.clear()
+                self._resume, self._heard = self._state, 0
             wait_s = RETRY_S[min(failures, len(RETRY_S) - 1)]
             self.status.restarts += 1
             _log.error("filter process %s; starting it again", how)
@@ -103,7 +106,7 @@ class FilterHost:
         """Run one worker to its end; say how it ended."""
         ours, theirs = pair()
         # Before the worker is there: one that dies at once, or whose host does, finds its orders.
-        ours.send(encode(Start(self._config, self._rate_hz, self._checkpoint)))
+        ours.send(encode(Start(self._config, self._rate_hz, self._resume)))
         with realtime.ordinary():  # the worker takes its priority when it is compiled and ready
             process = await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
@@ -124,7 +127,10 @@ class FilterHost:
         """Put what the last worker had not finished before all else, and hear the new one."""
         self._waiting.extendleft(reversed(self._sent))
         self._sent.clear()
-        self._acknowledged = 0
+        at = self._resume
+        self._acknowledged, self._said = (
+            (at.received, at.said) if isinstance(at, Checkpoint) else (0, 0)
+        )
         self._socket = channel
         asyncio.get_running_loop().add_reader(channel, self._read, channel)
 
@@ -180,18 +186,25 @@ class FilterHost:
             _log.info("compiling the filter, once: what comes meanwhile waits for it")
         elif isinstance(message, Checkpoint):
             self._keep(message)
-        elif not isinstance(message, NavSolution):
-            self._on_output(message)
-        elif message.t_ns > self._t_solved_ns:  # else the last worker has given it
-            self._t_solved_ns = message.t_ns
-            self._on_output(message)
+        elif isinstance(message, SavedState):
+            if message.t_ns > self._solved_ns():
+                self._state = message
+        else:
+            self._said += 1
+            if self._said > self._heard:  # else the last worker has given it
+                self._heard = self._said
+                self._on_output(message)
+
+    def _solved_ns(self) -> int:
+        """Time of the newest state that any worker reached."""
+        return 0 if self._state is None else self._state.t_ns
 
     def _keep(self, checkpoint: Checkpoint) -> None:
         """Remember a checkpoint and forget the measurements it includes."""
         while self._acknowledged < checkpoint.received:
             self._sent.popleft()
             self._acknowledged += 1
-        self._checkpoint = checkpoint
+        self._resume = checkpoint
 
 
 def _ending(code: int) -> str:

@@ -58,6 +58,8 @@ class Memory:
     """By beacon, see `gateway.fusion.robust`."""
     noise: dict[str, float] = field(default_factory=dict)
     """By device and row, see `gateway.fusion.robust`."""
+    origin_e: Array | None = None
+    """(3,) local origin of the invariant errors; None is where the filter starts."""
 
     def copy(self) -> Self:
         """Independent copy."""
@@ -67,17 +69,15 @@ class Memory:
 
 @dataclass
 class Filter:
-    """The engine that `gateway.timeline` drives.
-
-    The local origin of the invariant errors is where the filter started.
-    """
+    """The engine that `gateway.timeline` drives."""
 
     model: Model
     memory: Memory
     origin_e: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        self.origin_e = self.memory.state.r_e.copy()
+        origin_e = self.memory.origin_e
+        self.origin_e = self.memory.state.r_e.copy() if origin_e is None else origin_e
 
     def advance(self, rows: Array, track: Array) -> None:
         """Carry the state over whole samples."""

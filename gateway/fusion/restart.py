@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.state import ATT, BA, BG, POS, VEL
-from gateway.messages import Checkpoint
+from gateway.messages import SavedState
 from gateway.nav import strapdown as sd
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -25,8 +25,8 @@ SWAY, SWAY_S = math.radians(5.0) ** 2, 3.0
 """Variance of an unseen level (rad^2), and the time in which a known one is forgotten (s)."""
 
 
-def inflate(saved: Checkpoint, away_s: float, q: Array) -> Checkpoint:
-    """The checkpoint as it is worth `away_s` later.  # (M.135)-(M.138)
+def inflate(saved: SavedState, away_s: float, q: Array) -> SavedState:
+    """The state as it is worth `away_s` later.  # (M.135)-(M.138)
 
     The vehicle may have moved and turned unseen; what it had learnt of its instruments stays. No
     fix counts as used since, so that nothing is claimed before the next one.
@@ -48,7 +48,6 @@ def inflate(saved: Checkpoint, away_s: float, q: Array) -> Checkpoint:
     return msgspec.structs.replace(
         saved,
         t_ns=saved.t_ns + round(away_s * 1e9),
-        received=0,
         x=x.tobytes(),
         P=(0.5 * (P + P.T)).tobytes(),
         refused_in_a_row=0,

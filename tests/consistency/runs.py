@@ -9,8 +9,9 @@ from scipy.stats import chi2
 from gateway.config import Config
 from gateway.estimator import Estimator
 from gateway.fusion.errors import FAMILY
+from gateway.fusion.saved import state_of
 from gateway.fusion.state import POS, State
-from gateway.messages import Checkpoint, Innovation
+from gateway.messages import Innovation, SavedState
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.voyages import T0_NS, Voyage, configuration
 
@@ -73,27 +74,26 @@ def run(seed: int, error: str = "right_invariant", angle_factor: float = 1.0) ->
     voyage = Voyage(make(scenario_data(seed)))
     config = tuned(configuration(voyage.scenario, filter={"error": error}), angle_factor)
     estimator = Estimator(config, rate_hz=1.0)
-    innovations, checkpoints = [], []
+    innovations, states = [], []
     for measurement in voyage.arrivals(LATENCY_S, block_s=0.5):
         for output in estimator.feed(measurement):
             if isinstance(output, Innovation):
                 innovations.append(output)
-            elif isinstance(output, Checkpoint):
-                checkpoints.append(output)
+            elif isinstance(output, SavedState):
+                states.append(output)
     return Run(
         np.array([v.nis for v in innovations]),
         np.array([len(v.components) for v in innovations]),
-        np.array([_judge(voyage, checkpoints[k]) for k in JUDGED_S]),
-        len(checkpoints[0].columns) // 8,
+        np.array([_judge(voyage, states[k]) for k in JUDGED_S]),
+        len(states[0].columns) // 8,
     )
 
 
-def _judge(voyage: Voyage, saved: Checkpoint) -> list[float]:
+def _judge(voyage: Voyage, saved: SavedState) -> list[float]:
     """NEES of position, of the pose and of all states."""
-    columns = np.frombuffer(saved.columns, dtype=np.int64)
-    P = np.frombuffer(saved.P).reshape(len(columns), len(columns))
-    estimate = State(np.frombuffer(saved.x).copy(), P, columns)
-    truth = State(voyage.state((saved.t_ns - T0_NS) * 1e-9).x, P, columns)
+    estimate = state_of(saved)
+    P = estimate.P
+    truth = State(voyage.state((saved.t_ns - T0_NS) * 1e-9).x, P, estimate.columns)
     xi = ADDITIVE.boxminus(estimate, truth, truth.r_e)
     scale = np.sqrt(P.diagonal())
 

@@ -16,6 +16,7 @@ from gateway.messages import (
     ImuBlock,
     Innovation,
     NavSolution,
+    SavedState,
 )
 from gateway.modes import Mode
 from gateway.nav import earth
@@ -96,7 +97,7 @@ def test_solutions_come_at_their_rate_and_the_rest_each_second():
     trip, _, _ = voyage()
     t = np.array([n.t_ns for n in of(NavSolution, whole())])
     np.testing.assert_allclose(np.diff(t), 1e9 / OUTPUT_HZ, atol=1e9 / trip.rate_hz)
-    for kind in (Calibration, FilterCounts, Checkpoint):
+    for kind in (Calibration, FilterCounts, SavedState):
         assert len(of(kind, whole())) in (30, 31)
 
 
@@ -184,40 +185,6 @@ def test_a_state_that_is_not_finite_is_a_fault_and_a_new_start(fix_between):
     assert modes[-1] is Mode.AIDED
     for nav in of(NavSolution, outputs):
         assert np.isfinite([nav.lat, nav.lon, nav.h, *nav.v_eb_n, nav.heading]).all()
-
-
-def test_a_resumed_estimator_goes_on():
-    """From a checkpoint in the middle: the same solutions, but for the track the new one lacks."""
-    trip, config, measurements = voyage()
-    half = trip.t_ns[0] + 15_000_000_000
-    found = next(c for c in of(Checkpoint, whole()) if c.t_ns > half)
-    saved = msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=Checkpoint)
-    rest = measurements[saved.received - 1 :]
-    after = fed(Estimator(config, OUTPUT_HZ, saved), samples_after(saved.t_ns, rest))
-    want = {n.t_ns: n for n in of(NavSolution, whole())}
-    navs = of(NavSolution, after)
-    assert navs[0].t_ns - saved.t_ns == pytest.approx(1e9 / OUTPUT_HZ, abs=1e9 / trip.rate_hz)
-    assert navs[-1].t_ns == max(want)
-    for nav in navs:
-        reference = want[nav.t_ns]
-        assert nav.mode is Mode.AIDED
-        assert nav.fixes_used == pytest.approx(reference.fixes_used, abs=1)
-        assert abs(nav.lat - reference.lat) * earth.A < 0.3
-        assert abs(nav.lon - reference.lon) * earth.A < 0.3
-        assert nav.heading == pytest.approx(reference.heading, abs=1e-3)
-        np.testing.assert_allclose(nav.sd_position, reference.sd_position, rtol=0.3)
-
-
-def samples_after(t_ns, measurements):
-    """What a checkpoint at `t_ns` has not taken yet."""
-    for m in measurements:
-        if isinstance(m, ImuBlock):
-            keep = np.frombuffer(m.t_ns, dtype=np.int64) > t_ns
-            if keep.any():
-                rows = np.frombuffer(m.rows).reshape(-1, 8)[keep]
-                yield block(np.frombuffer(m.t_ns, dtype=np.int64)[keep], rows)
-        else:
-            yield m
 
 
 def test_constants_are_told_in_their_units():

@@ -12,7 +12,7 @@ from gateway.estimator import Estimator
 from gateway.fusion.initial import noise_densities
 from gateway.fusion.restart import WANDER_M_S, WANDER_S, inflate
 from gateway.fusion.state import ATT, BG, N_MEAN, POS, VEL
-from gateway.messages import Checkpoint, NavSolution
+from gateway.messages import NavSolution, SavedState
 from gateway.modes import Mode
 from gateway.nav import strapdown as sd
 from gateway.nav.earth import C_en, lla_to_ecef
@@ -22,19 +22,19 @@ from tests.gateway.voyages import Voyage
 Q = np.array([1e-12, 1e-8, 1e-20, 1e-14])
 
 
-def saved(P: np.ndarray, v_e: np.ndarray) -> Checkpoint:
+def saved(P: np.ndarray, v_e: np.ndarray) -> SavedState:
     x = np.zeros(N_MEAN)
     x[sd.C_EB] = np.eye(3).ravel()
     x[sd.V_EB_E] = v_e
     x[sd.R_E] = lla_to_ecef(0.7, 2.0, 0.0)
     x[sd.LAST] = 1.0
     columns = np.arange(len(P)).tobytes()
-    return Checkpoint(5, 7, x.tobytes(), P.tobytes(), columns, 3, 2, 1, 4)
+    return SavedState(5, x.tobytes(), P.tobytes(), columns, 3, 2, 1, 4)
 
 
-def opened(checkpoint: Checkpoint) -> tuple[np.ndarray, np.ndarray]:
-    n = len(checkpoint.columns) // 8
-    return np.frombuffer(checkpoint.x), np.frombuffer(checkpoint.P).reshape(n, n)
+def opened(state: SavedState) -> tuple[np.ndarray, np.ndarray]:
+    n = len(state.columns) // 8
+    return np.frombuffer(state.x), np.frombuffer(state.P).reshape(n, n)
 
 
 def random_covariance(rng: np.random.Generator, n: int = 21) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_a_long_time_forgets_the_heading_and_keeps_the_instruments():
 
 def test_nothing_is_claimed_until_a_fix_is_used():
     after = inflate(saved(random_covariance(np.random.default_rng(4)), np.zeros(3)), 2.5, Q)
-    assert (after.t_ns, after.received, after.t_used_ns) == (2_500_000_005, 0, None)
+    assert (after.t_ns, after.t_used_ns) == (2_500_000_005, None)
     assert (after.refused_in_a_row, after.used, after.gated) == (0, 3, 2)
 
 
@@ -97,17 +97,17 @@ def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, NavSoluti
     voyage = Voyage(scenario(MOWING, 300 + seed, 60.0 + away_s + 150.0))
     config = aligning(voyage, heading="config", level_s=10)
     arrivals = list(voyage.arrivals(0.5, 0.5))
-    first, checkpoint = Estimator(config, 1.0), None
+    first, state = Estimator(config, 1.0), None
     t_cut = voyage.t_ns[0] + 60e9
     for measurement in (m for m in arrivals if _time(m) < t_cut):
         for output in first.feed(measurement):
-            checkpoint = output if isinstance(output, Checkpoint) else checkpoint
-    assert checkpoint is not None
+            state = output if isinstance(output, SavedState) else state
+    assert state is not None
     t_back = t_cut + away_s * 1e9
-    gone_s = (t_back - checkpoint.t_ns) * 1e-9
+    gone_s = (t_back - state.t_ns) * 1e-9
     q = noise_densities(config.imu[1].noise)
-    again = inflate(checkpoint, gone_s if inflated else 0.0, q)
-    second = Estimator(config, 1.0, msgspec.structs.replace(again, t_ns=int(t_back)), away=inflated)
+    again = inflate(state, gone_s if inflated else 0.0, q)
+    second = Estimator(config, 1.0, msgspec.structs.replace(again, t_ns=int(t_back)))
     said = [o for m in arrivals if _time(m) >= t_back for o in second.feed(m)]
     solutions = [o for o in said if isinstance(o, NavSolution)]
     at = np.array([(solutions[0].t_ns - voyage.t_ns[0]) * 1e-9 + voyage.t_imu[0]])
