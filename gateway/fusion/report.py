@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.initial import DEG_H, UG
-from gateway.fusion.state import ATT, BG, POS, VEL, State
-from gateway.messages import Calibration, Constant, NavSolution, Vec3
+from gateway.fusion.state import ATT, BG, State
+from gateway.messages import Calibration, Constant, NavSolution
 from gateway.modes import Mode
 from gateway.nav.attitude import euler_error_map, euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
+from gateway.nav.geodetic import words
 
 Array = NDArray[np.float64]
 
@@ -31,27 +32,21 @@ def solution(
     state: State, t_ns: int, mode: Mode, fix_age_s: float | None, used: int, rejected: int
 ) -> NavSolution:
     """The navigation solution with its 1-sigma errors in NED and Euler angles.  # (M.50)"""
-    lat, lon, h = (float(v) for v in ecef_to_lla(state.r_e))
-    C = C_en(lat, lon)
-    roll, pitch, heading = (float(v) for v in euler_from_C(C.T @ state.C_eb))
-    P_pos = C.T @ state.P[POS, POS] @ C
-    P_vel = C.T @ state.P[VEL, VEL] @ C
-    to_euler = np.linalg.inv(euler_error_map(pitch, heading)) @ C.T
-    P_att = to_euler @ state.P[ATT, ATT] @ to_euler.T
+    w = words(state.x, state.P).tolist()
     return NavSolution(
         t_ns=t_ns,
         mode=mode,
-        lat=lat,
-        lon=lon,
-        h=h,
-        v_eb_n=_vec3(C.T @ state.v_eb_e),
-        roll=roll,
-        pitch=pitch,
-        heading=heading % (2.0 * math.pi),
-        sd_position=_sigmas(P_pos),
-        sd_velocity=_sigmas(P_vel),
-        sd_attitude=_sigmas(P_att),
-        cov_ne=float(P_pos[0, 1]),
+        lat=w[0],
+        lon=w[1],
+        h=w[2],
+        v_eb_n=(w[3], w[4], w[5]),
+        roll=w[6],
+        pitch=w[7],
+        heading=w[8],
+        sd_position=(w[9], w[10], w[11]),
+        sd_velocity=(w[12], w[13], w[14]),
+        sd_attitude=(w[15], w[16], w[17]),
+        cov_ne=w[18],
         fix_age_s=fix_age_s,
         fixes_used=used,
         fixes_rejected=rejected,
@@ -93,11 +88,3 @@ def calibration_covariance(state: State) -> tuple[list[str], Array]:
         "heading_deg",
         *(name for name, _ in constants),
     ], A @ state.P @ A.T
-
-
-def _vec3(a: Array) -> Vec3:
-    return float(a[0]), float(a[1]), float(a[2])
-
-
-def _sigmas(P: Array) -> Vec3:
-    return _vec3(np.sqrt(np.maximum(P.diagonal(), 0.0)))

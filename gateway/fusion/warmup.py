@@ -9,7 +9,9 @@ from gateway.fusion import align, usbl
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import update
 from gateway.fusion.ranging import Past
+from gateway.fusion.report import solution
 from gateway.fusion.state import N_STATES, State
+from gateway.modes import Mode
 from gateway.nav import strapdown
 from gateway.nav.lie import exp_so3, left_jacobian
 
@@ -21,6 +23,7 @@ def warm_up() -> None:
     rows[:, 0] = 0.005
     strapdown.run(state.x, state.P, rows, q, track)
     strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
+    solution(state, 0, Mode.ALIGNING, None, 0, 0)
     align.attitudes(rows)
     exp_so3(np.zeros(3))
     left_jacobian(np.zeros(3))

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_GIMBAL_LOCK = 1e-12
+GIMBAL_LOCK = 1e-12
 
 
 def C_from_euler(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> Array:
@@ -62,7 +62,7 @@ def euler_from_C(C_nb: ArrayLike) -> tuple[Array, Array, Array]:
     C = np.asarray(C_nb, dtype=np.float64)
     cos_pitch = np.hypot(C[..., 0, 0], C[..., 1, 0])
     pitch = np.arctan2(-C[..., 2, 0], cos_pitch)
-    locked = cos_pitch < _GIMBAL_LOCK
+    locked = cos_pitch < GIMBAL_LOCK
     roll = np.where(locked, 0.0, np.arctan2(C[..., 2, 1], C[..., 2, 2]))
     heading = np.where(
         locked,

@@ -28,8 +28,8 @@ SOMIGLIANA_K = 0.00193185265241
 M_RATIO = OMEGA_IE**2 * A**2 * B / GM
 """Centrifugal to gravitational acceleration at the equator."""
 
-_EP2 = E2 / (1.0 - E2)
-_BOWRING_ROUNDS = 3
+EP2 = E2 / (1.0 - E2)
+BOWRING_ROUNDS = 3
 
 
 def radii(lat: ArrayLike) -> tuple[Array, Array]:
@@ -85,8 +85,8 @@ def ecef_to_lla(r_e: ArrayLike) -> tuple[Array, Array, Array]:
     p = np.hypot(x, y)
     beta = np.arctan2(z, (1.0 - F) * p)
     lat = beta
-    for _ in range(_BOWRING_ROUNDS):
-        lat = np.arctan2(z + _EP2 * B * np.sin(beta) ** 3, p - E2 * A * np.cos(beta) ** 3)
+    for _ in range(BOWRING_ROUNDS):
+        lat = np.arctan2(z + EP2 * B * np.sin(beta) ** 3, p - E2 * A * np.cos(beta) ** 3)
         beta = np.arctan2((1.0 - F) * np.sin(lat), np.cos(lat))
     s = np.sin(lat)
     h = p * np.cos(lat) + z * s - A * np.sqrt(1.0 - E2 * s**2)
