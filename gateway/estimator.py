@@ -166,7 +166,8 @@ class Estimator:
             yield from self._extend(t_ns[begin:end], rows[begin:end])
             yield from self._report(int(t_ns[end - 1]))
             begin = end
-        yield from self._extend(t_ns[begin:], rows[begin:])
+        if begin < len(t_ns):
+            yield from self._extend(t_ns[begin:], rows[begin:])
 
     def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> Iterator[Innovation]:
         """Run over samples, counting them; before that find the attitude where it is not known."""
@@ -196,8 +197,13 @@ class Estimator:
 
     def _due(self, t_ns: NDArray[np.int64]) -> list[int]:
         """Counts of samples of the block after which a period begins."""
-        ticks = np.concatenate([[self._t_last_ns], t_ns]) // self._period_ns
-        return [int(i) + 1 for i in np.flatnonzero(np.diff(ticks) > 0)]
+        due: list[int] = []
+        tick = self._t_last_ns // self._period_ns
+        for count, t in enumerate(t_ns.tolist(), 1):  # of one sample, mostly: no work for numpy
+            before, tick = tick, t // self._period_ns
+            if tick > before:
+                due.append(count)
+        return due
 
     def _report(self, t_ns: int) -> Iterator[FilterOutput]:
         """Solution at the newest sample, and once a second the constants and totals."""

@@ -4,6 +4,7 @@ The full error state has 25 components; a filter carries those it is asked to es
 not estimate stands in the mean at its nominal value and has no column in the covariance.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -34,6 +35,20 @@ _ALPHA, _BETA, _KD = _THETA + 3, _THETA + 4, _THETA + 5
 _LEVER, _LATENCY = slice(_THETA + 6, _THETA + 9), _THETA + 9
 _IN_MEAN = np.concatenate([np.arange(15, 21), np.arange(sd.N_MEAN, N_MEAN)])
 """Where in the mean the full error's components 9..24 stand."""
+
+
+@compiled
+def _is_sound(x: Array, P: Array) -> bool:
+    for value in x:
+        if not math.isfinite(value):
+            return False
+    for i in range(P.shape[0]):
+        if P[i, i] < 0.0:
+            return False
+        for j in range(P.shape[1]):
+            if not math.isfinite(P[i, j]):
+                return False
+    return True
 
 
 @compiled
@@ -157,8 +172,4 @@ class State:
 
     def is_sound(self) -> bool:
         """Whether every number is finite and no variance negative."""
-        return bool(
-            np.isfinite(self.x).all()
-            and np.isfinite(self.P).all()
-            and (self.P.diagonal() >= 0).all()
-        )
+        return bool(_is_sound(self.x, self.P))

@@ -23,6 +23,7 @@ def warm_up() -> None:
     rows[:, 0] = 0.005
     strapdown.run(state.x, state.P, rows, q, track)
     strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
+    state.is_sound()
     solution(state, 0, Mode.ALIGNING, None, 0, 0)
     align.attitudes(rows)
     exp_so3(np.zeros(3))
