@@ -279,14 +279,17 @@ def _carried(rows: Array) -> _Window:
 
 @compiled
 def _carry_along(rows: Array, u: Array, D: Array, turned: Array) -> None:
-    """Fill velocity `u` (n + 1, 3), attitude `D` (n, 3, 3) and rotation `turned` (3,)."""
+    """Fill velocity `u` (n + 1, 3), attitude `D` (n, 3, 3) and rotation `turned` (3,).
+
+    With `skew`, for numba takes 5 s to compile `np.cross`.
+    """
     C = np.eye(3)
     dth0, dvl0 = np.zeros(3), np.zeros(3)
     for k in range(rows.shape[0]):
         dth, dvl = rows[k, 1:4].copy(), rows[k, 4:7].copy()
-        phi = dth + np.cross(dth0, dth) / 12.0
-        dv = dvl + 0.5 * np.cross(dth, dvl)
-        dv += (np.cross(dth0, dvl) + np.cross(dvl0, dth)) / 12.0
+        phi = dth + skew(dth0) @ dth / 12.0
+        dv = dvl + 0.5 * skew(dth) @ dvl
+        dv += (skew(dth0) @ dvl + skew(dvl0) @ dth) / 12.0
         u[k + 1] = u[k] + C @ dv
         turned += C @ phi
         C = C @ exp_so3(phi)

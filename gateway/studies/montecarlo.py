@@ -4,13 +4,17 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import joblib
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gateway.errors import UsblnavError
+
+if TYPE_CHECKING:
+    from dask.distributed import Client
 
 R = TypeVar("R")
 
@@ -65,8 +69,20 @@ def _cluster(address: str, shared: tuple[Any, ...]) -> Iterator[None]:
             client.wait_for_workers(1, timeout=_PATIENCE_S)
         except TimeoutError as error:
             raise UsblnavError(f"--dask: the scheduler at {address} has no workers") from error
+        _ask_for_us(client)
         with joblib.parallel_config(backend="dask", scatter=list(shared)):
             yield
+
+
+def _ask_for_us(client: "Client") -> None:
+    """Have every worker import what the runs need, before it is sent any."""
+
+    def importing() -> None:  # within: it is sent as it is, not as a name to import
+        import_module("gateway.studies.passage")
+
+    for worker, fault in client.run(importing, on_error="return").items():
+        if fault is not None:
+            raise UsblnavError(f"--dask: worker {worker} cannot import usblnav: {fault}") from fault
 
 
 @contextmanager

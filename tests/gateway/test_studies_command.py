@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import matplotlib.image
@@ -72,16 +72,16 @@ def test_no_scheduler_is_one_line() -> None:
         Workers(dask="nonsense://1").map(where, (), 1, "nothing")
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[str]:
-    """Address of a scheduler with two worker processes."""
+@contextmanager
+def cluster(tmp_path: Path, worker_path: Path) -> Iterator[str]:
+    """Address of a scheduler with two worker processes that look for modules in a folder first."""
     file = tmp_path / "scheduler.json"
     file_option = ["--scheduler-file", str(file), "--no-dashboard"]
     roles = [
         ["scheduler", "--host", "127.0.0.1", "--port", "0", *file_option],
         *[["worker", "--nthreads", "1", "--no-nanny", *file_option]] * 2,
     ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(worker_path)}
     with ExitStack() as stack:
         for role in roles:
             log = stack.enter_context((tmp_path / f"{role[0]}.log").open("ab"))
@@ -101,16 +101,24 @@ def where(seed: int) -> int:
     return os.getpid()
 
 
-def test_a_cluster_gives_what_this_machine_gives(cluster: str) -> None:
+def test_a_worker_without_usblnav_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "gateway.py").write_text("# something else of that name")
+    complaint = (
+        r"^--dask: worker tcp://127\.0\.0\.1:\d+ cannot import usblnav: No module named [^\n]+$"
+    )
+    with cluster(tmp_path, tmp_path) as address, pytest.raises(UsblnavError, match=complaint):
+        Workers(dask=address).map(where, (), 1, "where")
+
+
+def test_a_cluster_gives_what_this_machine_gives(tmp_path: Path) -> None:
     of = voyage.make(short("invariant", 30.0))
     shared = (of, {"additive": {"error": "additive"}})
-    far, near = (
-        workers.map(invariant.one, shared, 4, "short")
-        for workers in (Workers(dask=cluster), Workers(1))
-    )
+    near = Workers(1).map(invariant.one, shared, 4, "short")
+    with cluster(tmp_path, ROOT) as address:
+        far = Workers(dask=address).map(invariant.one, shared, 4, "short")
+        processes = set(Workers(dask=address).map(where, (), 20, "where"))
     for one, other in zip(far, near, strict=True):
         assert np.array_equal(one["additive"].error_n, other["additive"].error_n)
         assert np.array_equal(one["additive"].nis, other["additive"].nis)
-    processes = set(Workers(dask=cluster).map(where, (), 20, "where"))
     assert os.getpid() not in processes
     assert 1 <= len(processes) <= 2
