@@ -43,11 +43,14 @@ class Counting:
         Seconds from one count to the next; None where it counts the frames themselves.
     time_modulus_s
         ``t_device_s`` begins anew at 0 when it gets there; None if it never does.
+    time_step_s
+        How coarsely ``t_device_s`` is told (s); None where no frame tells a time.
     """
 
     sequence_modulus: int | None = None
     sequence_s: float | None = None
     time_modulus_s: float | None = None
+    time_step_s: float | None = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,120 +1,238 @@
-"""From a device's own count to the host's time: offset and drift under the jitter of arrivals.
+"""From a device's own count to the host's time: its wraps, its resets, its offset and drift.
 
-Queueing only ever adds delay, so the truth lies on the lower envelope of arrival minus count. The
-envelope is the lower convex hull of the least delays of short stretches over the last minute; the
-edge below its middle gives offset and drift.
+A count is placed by the lower envelope of the arrivals (`gateway.envelope`). It can never be ahead
+of what the time since the one before allows, and never be late for good: either means that the
+device, or the host, began anew.
 """
 
-from collections import deque
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Sequence
+from math import inf
+from typing import Literal, NamedTuple
 
-STRETCH_S = 1.0
-WINDOW = 60
-"""Stretches kept: one minute."""
-DRIFT_AFTER = 6
-"""Stretches before a drift is believed."""
+import msgspec
+
+from gateway.envelope import Drift, Envelope
+
+LOCKED_AFTER = 8
+"""Stretches after which a clock is locked: what it learns then is slewed in, not stepped to."""
+SLEW = 1e-3
+"""Fastest correction of a locked clock: a millisecond a second."""
+DRIFT_AGAIN = 3e-6
+"""How much a power cycle may change a drift."""
+BACKLOG_S = 0.5
+"""How much earlier than the first ones an arrival may be, for a line may begin with a backlog."""
+EARLY_S = 1e-3
+"""The same once locked, or ten sigma: whatever is earlier counts wrongly."""
+WANDER = 1e-5
+"""How far off a drift may be after a silence."""
+LATE_STRETCHES = 5
+"""Stretches far above the envelope after which it is taken to have moved."""
+OUTAGE_S = 1.0
+"""Silence after which a count that turns over quickly says nothing any more."""
+QUICK_S = 60.0
+"""A turn shorter than this is quick."""
+
+NEVER = 1 << 62
+"""Modulus of a count that does not turn over."""
+
+State = Literal["silent", "warming", "locked"]
+Source = Literal["time", "sequence", "frames", "arrival"]
 
 
-@dataclass
-class Unwrapper:
-    """Turns a counter that wraps into one that only grows, helped by the time that passed.
+class ClockReport(msgspec.Struct, frozen=True):
+    """What one device's clock says of itself.
 
-    Attributes
-    ----------
-    modulus
-        Values are 0 .. modulus-1.
-    last
-        The newest count; None before the first.
+    ``source`` is what its times rest on: the ``time`` or the ``sequence`` that frames carry, the
+    ``frames`` counted as they come, or the ``arrival`` of each, whose queueing nobody can tell.
     """
 
-    modulus: int
-    last: int | None = None
+    source: Source
+    state: State | None
+    """None where every time is that of its arrival."""
+    offset_s: float | None = None
+    """Host's monotonic time at which the device's count was zero."""
+    drift_ppm: float | None = None
+    """By how much the device's seconds are longer than the host's."""
+    sigma_ms: float | None = None
+    """1 sigma of a time of validity, the declared latency taken as exact; None where unknown."""
+    jitter_ms: float | None = None
+    """Mean delay of the quickest arrivals, one a second, above the envelope."""
+    resets: int = 0
+    """How often the count, or the host's time with it, began anew."""
+    untimed: int = 0
+    """Records without the time they should carry, placed by their arrival."""
 
-    def extend(self, value: int, expected_step: float) -> int:
-        """Next count, the one congruent to `value` that is nearest to the expected step.
 
-        A counter that begins again (power cycle) so lands within half a modulus of where the
-        elapsed time says it should be, and never behind the last one.
-        """
-        if self.last is None:
-            self.last = value
-            return value
-        step = (value - self.last) % self.modulus
-        missing = round((expected_step - step) / self.modulus)
-        self.last += step + max(missing, 0) * self.modulus
-        return self.last
+class Tick(NamedTuple):
+    """One count in the host's time.
 
-
-@dataclass
-class ArrivalClock:
-    """Host time of a device's count, from pairs of count and arrival.
-
-    ``count_s`` is the device's time or its number of samples over the nominal rate, in seconds.
+    ``t_ns`` is when it was true; ``step_s`` nominal seconds of the device since the newest count
+    before: 0 at the very first, not positive where that one or a newer one has been seen.
     """
 
-    offset_s: float = 0.0
-    drift: float = 0.0
-    _origin_ns: int | None = None
-    _origin_s: float = 0.0
-    _stretch_end: float = 0.0
-    _least: tuple[float, float] | None = None
-    _past: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=WINDOW))
-
-    def stamp(self, count_s: float, t_arrival_ns: int) -> int:
-        """Take one arrival; give the host time (ns) at which the count was true.  # (M.60)"""
-        if self._origin_ns is None:
-            self._origin_ns, self._origin_s = t_arrival_ns, count_s
-            self._stretch_end = STRETCH_S
-        c = count_s - self._origin_s
-        residual = (t_arrival_ns - self._origin_ns) * 1e-9 - c
-        if self._least is None or residual < self._least[1]:
-            self._least = (c, residual)
-        if c >= self._stretch_end:
-            self._close_stretch(c)
-        predicted = self.offset_s + self.drift * c
-        if residual < predicted:
-            self.offset_s += residual - predicted
-            predicted = residual
-        return self._origin_ns + round((c + predicted) * 1e9)
-
-    def _close_stretch(self, c: float) -> None:
-        """Keep the least delay of the stretch and fit the envelope anew."""
-        assert self._least is not None
-        self._past.append(self._least)
-        self._least = None
-        self._stretch_end = c + STRETCH_S
-        if len(self._past) >= DRIFT_AFTER:
-            self.offset_s, self.drift = lower_edge(list(self._past))
-        else:
-            self.offset_s = min(r for _, r in self._past)
+    t_ns: int
+    step_s: float
 
 
-def lower_edge(points: list[tuple[float, float]]) -> tuple[float, float]:
-    """Line below all points that is nearest to them on the whole: the hull's edge under their mean.
+_Seen = tuple[float, float, float | None]
+"""A count not placed yet: seconds of the device, delay of its arrival, and seconds since the last;
+where the count began anew the host has to tell those."""
+
+
+class DeviceClock:
+    """Host time of one device's count.
 
     Parameters
     ----------
-    points
-        (abscissa, ordinate) with increasing abscissa, at least two.
+    unit_s
+        Nominal seconds of one count.
+    modulus
+        Counts are 0 .. modulus-1 and then begin again.
+    reorder_s
+        How far behind the newest an older count may come; farther back, the device began anew.
 
-    Returns
-    -------
-    intercept, slope
+    Attributes
+    ----------
+    resets
+        How often it began anew.
     """
-    hull: list[tuple[float, float]] = []
-    for p in points:
-        while len(hull) > 1 and _turns_up(hull[-2], hull[-1], p):
-            hull.pop()
-        hull.append(p)
-    middle = sum(x for x, _ in points) / len(points)
-    for (x0, y0), (x1, y1) in pairwise(hull):
-        if x1 >= middle:
-            slope = (y1 - y0) / (x1 - x0)
-            return y0 - slope * x0, slope
-    raise ValueError("abscissas do not increase")
 
+    def __init__(self, unit_s: float, modulus: int, reorder_s: float = 0.1) -> None:
+        self._unit_s = self._period_s = unit_s
+        self._modulus = modulus
+        self._reorder = min(reorder_s / unit_s, modulus / 8)
+        self._backlog = self._early = min(BACKLOG_S / unit_s, modulus / 8)
+        self._patience = OUTAGE_S / unit_s if modulus * unit_s < QUICK_S else inf
+        self._silent = True
+        self._origin_ns = self._t_last_ns = 0
+        self._first = self._last = 0
+        self._due_s = self._lag_s = 0.0
+        self._envelope = Envelope(Drift())
+        self.resets = 0
 
-def _turns_up(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    """Whether b lies on or above the line from a to c."""
-    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
+    @property
+    def drift(self) -> float:
+        """Host seconds in a nominal second of the device, less one."""
+        return self._envelope.line.slope
+
+    @property
+    def state(self) -> State:
+        """Whether it has heard anything, and enough to be relied on."""
+        if self._silent:
+            return "silent"
+        return "locked" if self._envelope.stretches >= LOCKED_AFTER else "warming"
+
+    def expected(self, t_arrival_ns: int) -> float:
+        """Counts since the newest one, if what arrives now came without a queue."""
+        if self._silent:
+            return 0.0
+        since_s = (t_arrival_ns - self._origin_ns) * 1e-9 - self._due_s
+        return since_s / self._period_s
+
+    def take(self, chunk: Sequence[tuple[int, int]]) -> list[Tick]:
+        """Place the counts that came together.  # (M.60)
+
+        Parameters
+        ----------
+        chunk
+            Counts with their arrivals (ns), all known delays taken off, in the order they came. The
+            last says most, for it waited least: none is placed before it is known.
+        """
+        ticks: list[Tick] = []
+        seen: list[_Seen] = []
+        for value, t_arrival_ns in chunk:
+            step = self._step(value, t_arrival_ns)
+            if step is not None:
+                seen.append(self._look(step, t_arrival_ns))
+            if step is None or self._envelope.late >= LATE_STRETCHES:
+                ticks += map(self._place, seen if step is None else seen[:-1])
+                seen = [self._begin(value, t_arrival_ns)]
+        ticks += map(self._place, seen)
+        return ticks
+
+    def report(self, source: Source, untimed: int = 0) -> ClockReport:
+        """Offset, drift and how sure they are."""
+        if self._silent:
+            return ClockReport(source, "silent", resets=self.resets, untimed=untimed)
+        line = self._envelope.line
+        c = (self._last - self._first) * self._unit_s
+        zero_s = self._origin_ns * 1e-9 + self._envelope.height(c) - self._first * self._unit_s
+        return ClockReport(
+            source,
+            self.state,
+            offset_s=round(zero_s, 6),
+            drift_ppm=round(1e6 * line.slope, 3) if line.sigma is not None else None,
+            sigma_ms=round(1e3 * (line.sigma + abs(self._lag_s)), 4)
+            if line.sigma is not None
+            else None,
+            jitter_ms=round(1e3 * self._envelope.jitter_s, 4) if line.sigma is not None else None,
+            resets=self.resets,
+            untimed=untimed,
+        )
+
+    def _step(self, value: int, t_arrival_ns: int) -> int | None:
+        """Counts since the newest: as many as the time allows, not positive if it allows none.
+
+        A count cannot arrive before it is true, so of all steps that lead to the value the longest
+        that ends by now is right, whole turns missing or none. None where no step does.
+        """
+        expected = self.expected(t_arrival_ns)
+        if self._silent or expected > self._patience:
+            return None
+        at_most = int(expected * (1.0 + WANDER) + self._early)
+        step = (value - self._last) % self._modulus
+        step += (at_most - step) // self._modulus * self._modulus
+        return step if step >= -self._reorder else None
+
+    def _look(self, step: int, t_arrival_ns: int) -> _Seen:
+        """Learn from an arrival."""
+        count, envelope = self._last + step, self._envelope
+        c = (count - self._first) * self._unit_s
+        delay = (t_arrival_ns - self._origin_ns) * 1e-9 - c
+        y = envelope.height(c)
+        if envelope.add(c, delay, delay - y):
+            moved = envelope.height(c) - y
+            y += moved
+            self._moved(moved)
+        if step > 0:
+            self._last, self._due_s = count, c + y
+        return c, delay, step * self._unit_s
+
+    def _moved(self, by_s: float) -> None:
+        """Note that the envelope moved: a locked clock slews, and knows what is too early."""
+        self._period_s = self._unit_s * (1.0 + self.drift)
+        if self._envelope.stretches >= LOCKED_AFTER:
+            self._lag_s -= by_s
+            early_s = max(EARLY_S, 10.0 * (self._envelope.line.sigma or 0.0))
+            self._early = min(self._backlog, early_s / self._unit_s)
+
+    def _place(self, seen: _Seen) -> Tick:
+        """Time of a count by the envelope, corrections slewed in; never after its arrival."""
+        c, delay, step_s = seen
+        y = self._envelope.height(c)
+        if self._lag_s:
+            reach = SLEW * max(step_s or 0.0, 0.0)
+            self._lag_s -= min(max(self._lag_s, -reach), reach)
+            y += self._lag_s
+            if y > delay:
+                self._lag_s -= y - delay
+                y = delay
+        t_ns = self._origin_ns + round((c + y) * 1e9)
+        if step_s is None:
+            step_s = max(t_ns - self._t_last_ns, 0) * 1e-9 / (1.0 + self.drift)
+        self._t_last_ns = t_ns
+        return Tick(t_ns, step_s)
+
+    def _begin(self, value: int, t_arrival_ns: int) -> _Seen:
+        """Start from this arrival; a drift that was known is nearly the same still."""
+        drift = Drift(self.drift, DRIFT_AGAIN) if self.state == "locked" else Drift()
+        if self._silent:
+            self._silent, self._t_last_ns = False, t_arrival_ns
+        else:
+            self.resets += 1
+        self._origin_ns = t_arrival_ns
+        self._first = self._last = value
+        self._due_s = self._lag_s = 0.0
+        self._early = self._backlog
+        self._envelope = Envelope(drift)
+        return 0.0, 0.0, None

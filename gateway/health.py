@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from drivers.links import LinkCounts
+from gateway.clock import ClockReport
 from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
 from gateway.ingest import Intake
@@ -57,6 +58,7 @@ class DeviceReport(msgspec.Struct, frozen=True):
     dropped_chunks: int
     dropped_bytes: int
     kernel_dropped: int
+    clock: ClockReport
 
 
 class HealthReport(msgspec.Struct, frozen=True):
@@ -119,6 +121,7 @@ class Line:
             dropped_chunks=link.dropped_chunks,
             dropped_bytes=link.dropped_bytes,
             kernel_dropped=link.kernel_dropped,
+            clock=self.intake.clock_report(),
         )
 
     def watch(self, now: float) -> None:

@@ -254,6 +254,7 @@ def _device(intake: Intake) -> dict[str, Any]:
         "ignored": dict(counts.ignored),
         "gaps": counts.gaps,
         "missing": counts.missing,
+        "clock": msgspec.to_builtins(intake.clock_report()),
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
-from drivers.links.stamps import ANCILLARY_BYTES, receive_stamp, request_stamps
+from drivers.links.stamps import ANCILLARY_BYTES, MonotonicStamps, request_stamps
 from drivers.settings import TcpLink
 
 CONNECT_TIMEOUT_S = 5.0
@@ -47,6 +47,8 @@ async def open_tcp(
 
 
 def _reader(sock: socket.socket, link: Link, source: str) -> Callable[[], None]:
+    stamps = MonotonicStamps()
+
     def read() -> None:
         try:
             data, ancillary, _flags, _address = sock.recvmsg(READ_BYTES, ANCILLARY_BYTES)
@@ -57,7 +59,7 @@ def _reader(sock: socket.socket, link: Link, source: str) -> Callable[[], None]:
         else:
             why = "closed by the peer"
         if data:
-            link.put(Chunk(data, receive_stamp(ancillary), source))
+            link.put(Chunk(data, stamps.of(ancillary), source))
         else:
             asyncio.get_running_loop().remove_reader(sock)
             link.lose(why)

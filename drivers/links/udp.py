@@ -11,7 +11,7 @@ from ipaddress import ip_address
 from typing import Any
 
 from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
-from drivers.links.stamps import ANCILLARY_BYTES, dropped_so_far, receive_stamp, request_stamps
+from drivers.links.stamps import ANCILLARY_BYTES, MonotonicStamps, dropped_so_far, request_stamps
 from drivers.settings import UdpLink
 from drivers.sources import source_filter
 
@@ -55,6 +55,7 @@ def _reader(
     sock: socket.socket, link: Link, admits: Callable[[str | bytes], bool]
 ) -> Callable[[], None]:
     counts = link.counts
+    stamps = MonotonicStamps()
     dropped = 0
 
     @lru_cache(maxsize=256)
@@ -83,7 +84,7 @@ def _reader(
             if source is None:
                 counts.refused += 1
             else:
-                link.put(Chunk(data, receive_stamp(ancillary), source))
+                link.put(Chunk(data, stamps.of(ancillary), source))
 
     return read
 

@@ -5,6 +5,7 @@ They see a draft: a hole (see `gateway.schema.known`) stands where a fault has b
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 
@@ -25,6 +26,8 @@ from gateway.schema import build, known
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
 """A compass worse than this is none."""
+COARSE_S = 0.05
+"""A time told in longer steps says less than the arrival of the sentence."""
 
 
 def cross_faults(config: Config) -> Iterator[str]:
@@ -232,6 +235,21 @@ def _zenoh(config: Config) -> Iterator[str]:
             yield f"outputs[{n}].connect: missing; a client needs its router's endpoint"
 
 
+def _clock_sources(config: Config) -> Iterator[str]:
+    """A device's time that says nothing, or less than the arrival of what tells it."""
+    for name, device in _readable(config).items():
+        if not known(device.clock) or not known(device.codec) or device.kind == "imu":
+            continue
+        path = f"devices.{name}.clock.source"
+        if device.clock.source == "device" and device.codec in registry.names():
+            with suppress(registry.CodecImportError):
+                step_s = registry.lookup(device.codec).counting.time_step_s
+                if step_s is None:
+                    yield f"{path}: {device.codec} tells no time; use arrival"
+                elif step_s > COARSE_S:
+                    yield f"{path}: {device.codec} tells its time to {step_s:g} s only; use arrival"
+
+
 def _not_yet(config: Config) -> Iterator[str]:
     for name, device in _readable(config).items():
         if known(device.clock) and device.clock.source == "pps":
@@ -245,6 +263,7 @@ _CHECKS = (
     _beacons,
     _shared_constants,
     _latencies,
+    _clock_sources,
     _alignment,
     _collisions,
     _addresses,

@@ -1,14 +1,15 @@
 """From a device's bytes to measurements: sensor axes to body, SI units, time of validity.
 
-Time of validity = arrival of the frame's first byte - serial line time - declared latency; an IMU's
-arrivals are set right by its own count (`gateway.clock`), so that frames that shared a chunk spread
-out and a missing one shows.
+Time of validity = arrival of the frame's first byte - serial line time - declared latency. Where
+the device counts or tells the time, that sets the arrivals right (`gateway.clock`): frames that
+shared a chunk spread out, a missing one shows.
 """
 
 from typing import Protocol
 
 from drivers.codec import Decoder
 from drivers.records import Record, Rejected
+from gateway.clock import ClockReport
 from gateway.config import (
     Config,
     DepthDevice,
@@ -41,8 +42,16 @@ class Ingest(Protocol):
         """Take the next record of the device."""
         ...
 
+    def end_of_chunk(self) -> None:
+        """Place what came together: nothing more came with it."""
+        ...
+
     def flush(self) -> list[Measurement]:
         """Give the measurements gathered since the last call."""
+        ...
+
+    def clock_report(self) -> ClockReport:
+        """How the device's measurements are placed in time."""
         ...
 
 
@@ -60,15 +69,21 @@ class Intake:
         self.counts.bytes += len(data)
         for record in self._decoder.feed(data, t_rx_ns):
             self._ingest.take(record)
+        self._ingest.end_of_chunk()
 
     def close(self) -> None:
         """End of the bytes: what waits in the decoder is decoded or rejected."""
         for record in self._decoder.close():
             self._ingest.take(record)
+        self._ingest.end_of_chunk()
 
     def flush(self) -> list[Measurement]:
         """Give the measurements gathered since the last call."""
         return self._ingest.flush()
+
+    def clock_report(self) -> ClockReport:
+        """How the device's measurements are placed in time, and how surely."""
+        return self._ingest.clock_report()
 
 
 def _ingest(name: str, device: Device, sea: Sea) -> Ingest:

@@ -1,4 +1,4 @@
-"""What every device's ingest has in common: counting, and when a frame left the instrument."""
+"""What every device's ingest has in common: counting, and when a frame was true."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -6,10 +6,15 @@ from dataclasses import dataclass, field
 from msgspec import UNSET
 
 from drivers.records import Measured, Record, Rejected
-from drivers.settings import Link, SerialLink
+from drivers.settings import SerialLink
+from gateway.clock import ClockReport, DeviceClock
+from gateway.config import Device
 
 BITS_PER_BYTE = 10
 """8N1 on a serial line."""
+DAY_MS = 86_400_000
+UNORDERED_S = 1.0
+"""How far behind the newest the time of a sentence may be, for not all are sent in their order."""
 
 
 @dataclass
@@ -29,10 +34,23 @@ class DeviceCounts:
 class DeviceIngest:
     """Counting and time of validity, common to all kinds."""
 
-    def __init__(self, link: Link, latency_ms: float) -> None:
+    def __init__(self, device: Device) -> None:
+        link = device.link
         self.counts = DeviceCounts()
-        self._latency_ns = round(latency_ms * 1e6)
+        self._latency_ns = round(device.clock.latency_ms * 1e6)
         self._byte_ns = BITS_PER_BYTE * 1e9 / link.baud if isinstance(link, SerialLink) else 0.0
+        self._wants_device_time = device.clock.source == "device"
+        self._day = DeviceClock(1e-3, DAY_MS, UNORDERED_S) if self._wants_device_time else None
+        self._untimed = 0
+
+    def end_of_chunk(self) -> None:
+        """Nothing more came with the records taken so far."""
+
+    def clock_report(self) -> ClockReport:
+        """How the device's measurements are placed in time."""
+        if self._day is None:
+            return ClockReport("arrival", None)
+        return self._day.report("time", self._untimed)
 
     def _count(self, record: Record | Rejected) -> bool:
         """Count a record; False for rejected bytes."""
@@ -48,3 +66,14 @@ class DeviceIngest:
         age_ns = 0 if record.age_s is UNSET else round(record.age_s * 1e9)
         line_ns = round(record.line_bytes * self._byte_ns)
         return record.t_rx_ns - line_ns - age_ns - self._latency_ns
+
+    def _valid_at_ns(self, record: Measured, t_device_s: float | None) -> int:
+        """When the record was true: by the time it tells if that is wanted, else by its arrival."""
+        t_arrival_ns = self._left_instrument_ns(record)
+        if self._day is None:
+            return t_arrival_ns
+        if t_device_s is None:
+            self._untimed += 1
+            return t_arrival_ns
+        (tick,) = self._day.take([(round(1e3 * t_device_s), t_arrival_ns)])
+        return tick.t_ns

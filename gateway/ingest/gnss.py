@@ -2,7 +2,7 @@
 
 import math
 
-from drivers.records import GnssRecord, Record, Rejected, TimeRecord
+from drivers.records import GnssRecord, Measured, Record, Rejected, TimeRecord
 from gateway.config import GnssDevice
 from gateway.ingest.device import DeviceIngest
 from gateway.messages import Measurement, PositionFix, VelocityFix
@@ -11,6 +11,7 @@ EPOCH_NS = 1_000_000_000
 """Sentences of the same second of the day are of one epoch if they come within this."""
 BURST_NS = 50_000_000
 """A sentence without a time is of the epoch whose last sentence it follows within this."""
+DAY_MS = 86_400_000
 
 
 class GnssIngest(DeviceIngest):
@@ -22,13 +23,12 @@ class GnssIngest(DeviceIngest):
     """
 
     def __init__(self, name: str, device: GnssDevice) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
+        super().__init__(device)
         self._name = name
         self._sd_position = device.noise.position_m
         self._sd_velocity = (device.noise.velocity_m_s,) * 3
-        self._epoch_s: float | None = None
-        self._epoch_ns = 0
-        self._last_ns = 0
+        self._epoch_ms: int | None = None
+        self._epoch_ns = self._first_ns = self._last_ns = 0
         self._sources: dict[str, str | None] = {}
         self._fixes: list[Measurement] = []
 
@@ -36,10 +36,14 @@ class GnssIngest(DeviceIngest):
         """Take the next record; one that is invalid or neither position nor velocity counts."""
         if not self._count(record):
             return
-        if not isinstance(record, GnssRecord):
-            self.counts.ignored["time" if isinstance(record, TimeRecord) else "not_gnss"] += 1
+        if isinstance(record, TimeRecord):
+            self._of_epoch_ns(record, record.unix_s)
+            self.counts.ignored["time"] += 1
             return
-        t_ns = self._valid_at_ns(record)
+        if not isinstance(record, GnssRecord):
+            self.counts.ignored["not_gnss"] += 1
+            return
+        t_ns = self._of_epoch_ns(record, record.t_device_s)
         quantity = "velocity" if record.sentence in ("RMC", "VTG") else "position"
         if not record.valid:
             self.counts.ignored["invalid"] += 1
@@ -56,15 +60,17 @@ class GnssIngest(DeviceIngest):
         self.counts.measurements += len(fixes)
         return fixes
 
-    def _valid_at_ns(self, record: GnssRecord) -> int:
-        """When the first sentence of the record's epoch left the receiver, less its latency."""
+    def _of_epoch_ns(self, record: Measured, t_device_s: float | None) -> int:
+        """When the record's epoch was, by the first sentence that told of it."""
         t_ns = self._left_instrument_ns(record)
-        if record.t_device_s is None:
+        epoch_ms = None if t_device_s is None else round(1e3 * t_device_s) % DAY_MS
+        if epoch_ms is None:
             same = abs(t_ns - self._last_ns) < BURST_NS
         else:
-            same = record.t_device_s == self._epoch_s and abs(t_ns - self._epoch_ns) < EPOCH_NS
+            same = epoch_ms == self._epoch_ms and abs(t_ns - self._first_ns) < EPOCH_NS
         if not same:
-            self._epoch_s, self._epoch_ns = record.t_device_s, t_ns
+            self._epoch_ms, self._first_ns = epoch_ms, t_ns
+            self._epoch_ns = self._valid_at_ns(record, t_device_s)
         self._last_ns = t_ns
         return self._epoch_ns
 

@@ -5,35 +5,36 @@ from msgspec import UNSET
 from numpy.typing import NDArray
 
 from drivers.records import ImuRecord, Record, Rejected
-from gateway.clock import ArrivalClock, Unwrapper
-from gateway.config import ImuDevice
+from gateway.clock import NEVER, ClockReport, DeviceClock, Source, Tick
+from gateway.config import ImuDevice, wire_format
 from gateway.ingest.device import DeviceIngest
 from gateway.messages import ImuBlock, Measurement
 from gateway.nav.attitude import C_from_euler
 
 Array = NDArray[np.float64]
 
-SEQUENCE_MODULUS = 128
-"""KVH sequence numbers."""
-OUTAGE_S = 1.0
-"""Silence after which a device may have begun its count anew, and a leap that says it has."""
+MICROSECOND = 1e-6
+SLOWEST = 0.25
+"""Fraction of its interval by which a sample follows the one before at least."""
+WORST_KEPT_S = 10.0
+"""How long it is remembered how late frames that are not counted may come."""
 
 
 class ImuIngest(DeviceIngest):
     """IMU records to increments in body axes."""
 
     def __init__(self, device: ImuDevice) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
+        super().__init__(device)
         self._period_s = 1.0 / device.rate_hz
-        self._device_clock = device.clock.source == "device"
+        self._counting = wire_format(device)[0].counting
         C_bs = C_from_euler(*np.radians(device.mounting_deg))
         self._C_bs_T: Array = np.ascontiguousarray(C_bs.T)
-        self._clock = ArrivalClock()
-        self._sequence = Unwrapper(SEQUENCE_MODULUS)
-        self._microseconds = Unwrapper(1 << 32)
-        self._count_s = 0.0
-        self._t_last_ns = 0
-        self._arrival_last_ns = 0
+        self._source: Source = "frames"
+        self._clock = self._make_clock()
+        self._counted = 0
+        self._worst = 0.0
+        self._t_last_ns: int | None = None
+        self._chunk: list[ImuRecord] = []
         self._t: list[int] = []
         self._rows: list[tuple[float, ...]] = []
 
@@ -46,7 +47,21 @@ class ImuIngest(DeviceIngest):
         elif not record.valid:
             self.counts.ignored["invalid"] += 1
         else:
-            self._take_sample(record)
+            self._chunk.append(record)
+
+    def end_of_chunk(self) -> None:
+        """Place the samples that came together in time, and add their increments."""
+        if not self._chunk:
+            return
+        records, self._chunk = self._chunk, []
+        source = self._source_of(records[0])
+        if source != self._source:
+            self._source = source
+            self._clock = self._make_clock()
+        arrivals = [self._left_instrument_ns(record) for record in records]
+        counts = zip(self._values(records, arrivals[-1]), arrivals, strict=True)
+        for record, tick in zip(records, self._clock.take(list(counts)), strict=True):
+            self._add_sample(record, tick)
 
     def flush(self) -> list[Measurement]:
         """One block of the samples since the last call."""
@@ -60,47 +75,66 @@ class ImuIngest(DeviceIngest):
         self._t, self._rows = [], []
         return [ImuBlock(t_ns.tobytes(), rows.tobytes())]
 
-    def _take_sample(self, record: ImuRecord) -> None:
-        """Place one sample in time and add its increments."""
-        arrival_ns = self._left_instrument_ns(record)
-        elapsed_s = (arrival_ns - self._arrival_last_ns) * 1e-9 if self._arrival_last_ns else 0.0
-        self._arrival_last_ns = arrival_ns
-        step_s, known = self._step(record, elapsed_s)
-        if step_s > elapsed_s + OUTAGE_S or (elapsed_s > OUTAGE_S and not known):
-            self._clock = ArrivalClock()
-            step_s = elapsed_s
+    def clock_report(self) -> ClockReport:
+        """How the samples are placed in time."""
+        return self._clock.report(self._source)
+
+    def _source_of(self, record: ImuRecord) -> Source:
+        """What tells when a sample was taken: its own time, its number, or that it came."""
+        if self._wants_device_time and record.t_device_s is not None:
+            return "time"
+        if record.sequence is not None and self._counting.sequence_modulus is not None:
+            return "sequence"
+        return "frames"
+
+    def _make_clock(self) -> DeviceClock:
+        counting = self._counting
+        if self._source == "time":
+            turn_s = counting.time_modulus_s
+            return DeviceClock(MICROSECOND, NEVER if turn_s is None else round(turn_s * 1e6))
+        unit_s = self._period_s
+        if self._source == "sequence":
+            return DeviceClock(counting.sequence_s or unit_s, counting.sequence_modulus or NEVER)
+        return DeviceClock(unit_s, NEVER)
+
+    def _values(self, records: list[ImuRecord], t_arrival_ns: int) -> list[int]:
+        """Counts of the samples that came together, the last of them just now."""
+        if self._source == "time":
+            return [round((r.t_device_s or 0.0) * 1e6) for r in records]
+        if self._source == "sequence":
+            return [r.sequence or 0 for r in records]
+        first = self._counted + self._missing(len(records), t_arrival_ns) + 1
+        self._counted = first + len(records) - 1
+        return list(range(first, self._counted + 1))
+
+    def _missing(self, arrived: int, t_arrival_ns: int) -> int:
+        """Frames lost before those that came, where nothing but the time can tell.
+
+        They are taken to be lost, and not waiting in a queue, when it is longer since the last than
+        any queue has been for a while.
+        """
+        late = self._clock.expected(t_arrival_ns) - arrived
+        lost = round(late) if late > 1.5 * self._worst + 0.5 else 0
+        forgotten = min(1.0, arrived * self._period_s / WORST_KEPT_S)
+        self._worst = max(self._worst * (1.0 - forgotten), 0.0 if lost else late)
+        return lost
+
+    def _add_sample(self, record: ImuRecord, tick: Tick) -> None:
+        """Add one sample where its clock has placed it, behind the one before."""
+        t_ns, step_s = tick
+        if self._t_last_ns is None:
+            step_s = self._period_s
+            self._t_last_ns = t_ns - round(step_s * 1e9)
         if step_s <= 0.0:
             self.counts.ignored["repeated"] += 1
             return
-        self._count_s += step_s
-        t_ns = self._clock.stamp(self._count_s, arrival_ns)
         dt_s = step_s * (1.0 + self._clock.drift)
-        t_ns = max(t_ns, self._t_last_ns + round(dt_s * 0.25e9))
-        self._t_last_ns = t_ns
+        self._t_last_ns = t_ns = max(t_ns, self._t_last_ns + round(dt_s * SLOWEST * 1e9))
         samples = max(1, round(step_s / self._period_s))
         if samples > 1:
             self.counts.gaps += 1
             self.counts.missing += samples - 1
         self._add(record, t_ns, dt_s, samples)
-
-    def _step(self, record: ImuRecord, elapsed_s: float) -> tuple[float, bool]:
-        """Nominal seconds since the sample before, by the device's own time or count.
-
-        Also whether they are known after a long silence: a count of 128 says less than that.
-        """
-        if self._device_clock and record.t_device_s is not None:
-            counter, unit_s, known = self._microseconds, 1e-6, True
-            value = round(record.t_device_s * 1e6)
-        elif record.sequence is not None:
-            counter, unit_s, known = self._sequence, self._period_s, False
-            value = record.sequence
-        else:
-            return self._period_s * max(1, round(elapsed_s / self._period_s)), False
-        last = counter.last
-        if last is None:
-            counter.extend(value, 0.0)
-            return self._period_s, True
-        return (counter.extend(value, elapsed_s / unit_s) - last) * unit_s, known
 
     def _add(self, record: ImuRecord, t_ns: int, dt_s: float, samples: int) -> None:
         """Add the increments over `dt_s`, missing samples taken to be like the one that came."""

@@ -15,7 +15,7 @@ class UsblIngest(DeviceIngest):
     """
 
     def __init__(self, name: str, device: UsblDevice) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
+        super().__init__(device)
         self._name = name
         self._fixes: list[Measurement] = []
 
@@ -26,13 +26,16 @@ class UsblIngest(DeviceIngest):
         if not isinstance(record, UsblRecord):
             self.counts.ignored["not_usbl"] += 1
             return
+        t_ns = self._valid_at_ns(record, record.t_device_s)
         fault = _fault(record)
         if fault is None:
-            self._fixes.append(self._fix(record))
+            self._fixes.append(self._fix(record, t_ns))
         else:
             self.counts.ignored[fault] += 1
         if record.range_rate_m_s is not None:
-            self._fixes.append(self._rate(record, record.range_rate_m_s))
+            self._fixes.append(
+                RadialRate(t_ns, self._name, record.beacon, (record.range_rate_m_s,))
+            )
 
     def flush(self) -> list[Measurement]:
         """The fixes since the last call."""
@@ -40,21 +43,16 @@ class UsblIngest(DeviceIngest):
         self.counts.measurements += len(fixes)
         return fixes
 
-    def _fix(self, record: UsblRecord) -> UsblFix:
+    def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix:
         """One fix in radians, stamped with its time of validity."""
         return UsblFix(
-            t_ns=self._left_instrument_ns(record),
+            t_ns=t_ns,
             device=self._name,
             beacon=record.beacon,
             elevation=_radians(record.elevation_deg),
             bearing=_radians(record.bearing_deg),
             slant_range=record.slant_range_m,
         )
-
-    def _rate(self, record: UsblRecord, rate_m_s: float) -> RadialRate:
-        """The rate of the distance, stamped like the fix."""
-        t_ns = self._left_instrument_ns(record)
-        return RadialRate(t_ns, self._name, record.beacon, (rate_m_s,))
 
 
 def _fault(record: UsblRecord) -> str | None:

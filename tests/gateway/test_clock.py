@@ -1,46 +1,18 @@
-"""The clock of arrivals: the lower edge against brute force, drift under jitter and bursts."""
+"""The clock of a device: drift under jitter and bursts, wraps, resets, what it says of itself."""
 
-from itertools import combinations
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.clock import ArrivalClock, Unwrapper, lower_edge
+from gateway.clock import LOCKED_AFTER, NEVER, SLEW, DeviceClock
+from gateway.envelope import LATE_S
 
-points = st.lists(
-    st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 0.1)),
-    min_size=2,
-    max_size=15,
-    unique_by=lambda p: round(p[0], 3),
-).map(sorted)
-
-
-def brute_force(points):
-    """Of all lines through two points with none below, the highest at the mean abscissa."""
-    middle = np.mean([x for x, _ in points])
-    best = -np.inf
-    for (x0, y0), (x1, y1) in combinations(points, 2):
-        slope = (y1 - y0) / (x1 - x0)
-        if all(y - (y0 + slope * (x - x0)) > -1e-9 * (1.0 + abs(slope)) for x, y in points):
-            best = max(best, y0 + slope * (middle - x0))
-    return middle, best
-
-
-@settings(deadline=None)
-@given(points)
-def test_lower_edge_is_the_nearest_line_below(points):
-    """Nearest on the whole: the sum of the distances is the height of the line at the mean."""
-    intercept, slope = lower_edge(points)
-    middle, best = brute_force(points)
-    tolerance = 1e-8 * (1.0 + abs(slope))
-    assert intercept + slope * middle == pytest.approx(best, abs=tolerance)
-    assert all(y - (intercept + slope * x) > -tolerance for x, y in points)
-
-
-def test_lower_edge_of_points_on_a_line_is_the_line():
-    assert lower_edge([(x, 3.0 - 0.5 * x) for x in range(10)]) == pytest.approx((3.0, -0.5))
+T0 = 1_000_000_000_000
+HZ = 200.0
 
 
 def chunks(rng, n, longest):
@@ -54,86 +26,211 @@ def chunks(rng, n, longest):
     return last
 
 
-def stamped(seed, *, drift, jitter_s, longest, rate_hz=200.0, seconds=120.0):
-    """Errors (s) of the stamps of a device that counts nominal seconds with a drifting clock."""
-    rng = np.random.default_rng(seed)
-    n = int(seconds * rate_hz)
-    count = np.arange(n) / rate_hz
-    true = 1000.0 + count * (1.0 + drift)
-    ready = np.maximum.accumulate(true + jitter_s * rng.exponential(size=n))
-    arrival = ready[chunks(rng, n, longest)]
-    clock = ArrivalClock()
-    stamps = [clock.stamp(c, round(a * 1e9)) for c, a in zip(count.tolist(), arrival, strict=True)]
-    return true, (np.array(stamps) - np.rint(true * 1e9)) * 1e-9, clock
+def arrivals(rng, true_s, jitter_s, longest):
+    """When frames that were true then come, in order, whole chunks together (ns)."""
+    ready = np.maximum.accumulate(true_s + jitter_s * rng.exponential(size=true_s.size))
+    return T0 + np.rint(ready[chunks(rng, true_s.size, longest)] * 1e9).astype(np.int64)
 
 
-@pytest.mark.parametrize("drift", [50e-6, -50e-6, 0.0])
-@pytest.mark.parametrize("seed", range(3))
+def placed(clock, counts, t_arrival_ns):
+    """Ticks of counts as they came, chunk by chunk."""
+    pairs = zip(counts.tolist(), t_arrival_ns.tolist(), strict=True)
+    return [tick for _, chunk in groupby(pairs, itemgetter(1)) for tick in clock.take(list(chunk))]
+
+
+def errors(ticks, true_s):
+    return np.array([tick.t_ns for tick in ticks]) * 1e-9 - (T0 * 1e-9 + true_s)
+
+
+def rms(error):
+    return np.sqrt(np.mean(np.square(error)))
+
+
+# --- offset and drift ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("seed", "drift"), [(0, 50e-6), (1, -50e-6), (2, 0.0)])
 def test_drift_is_followed_under_jitter_and_bursts(seed, drift):
-    """50 ppm, 5 ms mean jitter, up to twenty frames a chunk: 0.2 ms RMS after a minute."""
-    true, error, clock = stamped(seed, drift=drift, jitter_s=5e-3, longest=20)
-    settled = true > true[0] + 60.0
-    assert np.sqrt(np.mean(error[settled] ** 2)) < 2e-4
-    assert clock.drift == pytest.approx(drift, abs=5e-6)
+    """50 ppm, 5 ms mean jitter, up to twenty frames a chunk."""
+    rng = np.random.default_rng(seed)
+    clock, n = DeviceClock(1 / HZ, 128), 24_000
+    true_s = np.arange(n) / HZ * (1.0 + drift)
+    ticks = placed(clock, np.arange(n) % 128, arrivals(rng, true_s, 5e-3, 20))
+    error = errors(ticks, true_s)
+    assert rms(error[12_000:]) < 0.1e-3
+    assert clock.drift == pytest.approx(drift, abs=3e-6)
+    assert [tick.step_s for tick in ticks[1:]] == [1 / HZ] * (n - 1)
+    report = clock.report("sequence")
+    assert (report.source, report.state, report.resets) == ("sequence", "locked", 0)
+    assert report.drift_ppm == pytest.approx(1e6 * drift, abs=3.0)
+    assert abs(error[-1]) < 4e-3 * report.sigma_ms < 0.4e-3
+    assert 0.05 < report.jitter_ms < 2.0
 
 
 def test_a_quiet_line_is_stamped_exactly():
-    _, error, _ = stamped(1, drift=30e-6, jitter_s=0.0, longest=1)
-    assert np.abs(error).max() < 200e-6  # 30 ppm for the six seconds before a drift is believed
-    assert np.abs(error[2000:]).max() < 1e-9
+    clock = DeviceClock(1 / HZ, 128)
+    true_s = np.arange(4000) / HZ * (1.0 + 30e-6)
+    rng = np.random.default_rng(1)
+    error = errors(placed(clock, np.arange(4000) % 128, arrivals(rng, true_s, 0.0, 1)), true_s)
+    assert np.abs(error).max() < 150e-6  # 30 ppm for the four seconds before a drift is known
+    assert np.abs(error[2000:]).max() < 1e-6
 
 
-def test_a_frame_is_never_stamped_after_its_arrival():
-    """Delay only adds: no stamp may claim more than the arrival says."""
+def test_nothing_is_placed_after_its_arrival():
     rng = np.random.default_rng(2)
-    clock = ArrivalClock()
-    t = 0.0
-    for k in range(5000):
-        t = max(t, 0.005 * k + 0.003 * rng.exponential())
-        assert clock.stamp(0.005 * k, round(t * 1e9)) <= round(t * 1e9) + 1
+    t_ns = arrivals(rng, np.arange(5000) / HZ, 3e-3, 20)
+    ticks = placed(DeviceClock(1 / HZ, 128), np.arange(5000) % 128, t_ns)
+    assert all(tick.t_ns <= t for tick, t in zip(ticks, t_ns.tolist(), strict=True))
 
 
-def test_memory_of_a_clock_is_a_minute():
-    _, _, clock = stamped(3, drift=0.0, jitter_s=1e-3, longest=1, rate_hz=20.0, seconds=300.0)
-    assert len(clock._past) == 60
+def test_a_locked_clock_slews():
+    """Up by no more than a millisecond a second; down at once only where an arrival proves it."""
+    rng = np.random.default_rng(3)
+    true_s = np.arange(20_000) / HZ
+    t_ns = arrivals(rng, true_s, 20e-3, 20)
+    ticks = placed(DeviceClock(1 / HZ, NEVER), np.arange(20_000), t_ns)
+    locked = slice(int((LOCKED_AFTER + 1) * HZ), None)
+    placed_ns = np.array([tick.t_ns for tick in ticks])[locked]
+    rate = np.diff(placed_ns) * 1e-9 * HZ - 1.0
+    assert rate.max() < 1.2 * SLEW
+    proved = placed_ns[1:] == t_ns[locked][1:]
+    assert rate[~proved].min() > -1.2 * SLEW
+    assert 0 < proved.sum() < 30
 
 
-# --- counters --------------------------------------------------------------------------------
+def test_a_minute_is_remembered():
+    clock = DeviceClock(0.05, NEVER)
+    placed(clock, np.arange(6000), T0 + np.arange(6000) * 50_000_000)
+    assert clock._envelope.stretches == 60
 
 
-@given(st.lists(st.integers(1, 60), min_size=1, max_size=50), st.integers(0, 127))
-def test_a_counter_that_wraps_is_unwrapped(steps, start):
-    counter, value, total = Unwrapper(128), start, start
-    assert counter.extend(start, 0.0) == start
+def test_a_clock_that_heard_nothing_claims_nothing():
+    report = DeviceClock(1e-3, 86_400_000).report("time")
+    assert (report.state, report.offset_s, report.sigma_ms) == ("silent", None, None)
+
+
+def test_the_offset_is_the_hosts_time_at_count_zero():
+    clock = DeviceClock(1e-3, 86_400_000)
+    for k in range(20):
+        clock.take([((86_395_000 + 1000 * k) % 86_400_000, T0 + k * 1_000_000_000)])
+    assert clock.report("time").offset_s == pytest.approx(T0 * 1e-9 - 86_395.0, abs=1e-5)
+
+
+# --- wraps -----------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 127), st.lists(st.integers(1, 150), min_size=1, max_size=60))
+def test_a_sequence_wraps_anywhere_and_gaps_are_known(first, steps):
+    """Gaps of any length, more than a turn of 128 among them, on a line that delays nothing."""
+    clock, count = DeviceClock(1 / HZ, 128), first
+    clock.take([(first, T0)])
     for step in steps:
-        value, total = (value + step) % 128, total + step
-        assert counter.extend(value, float(step)) == total
+        count += step
+        (tick,) = clock.take([(count % 128, T0 + (count - first) * 5_000_000)])
+        assert tick.step_s == pytest.approx(step / HZ)
+    assert clock.resets == 0
 
 
-@given(st.integers(0, 127), st.integers(1, 5000), st.floats(-60.0, 60.0))
-def test_whole_turns_come_from_the_time_that_passed(start, step, off):
-    """A gap of any length, the expected step right to less than half a turn."""
-    counter = Unwrapper(128)
-    counter.extend(start, 0.0)
-    found = counter.extend((start + step) % 128, step + off)
-    assert found == start + step or (step + off < 0.0 and found > start)
+@pytest.mark.parametrize(("unit_s", "modulus"), [(1e-6, 1 << 32), (1e-3, 86_400_000), (5e-3, 128)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrap_under_jitter_moves_nothing(unit_s, modulus, seed):
+    """Microseconds turn over after 71 minutes, the time of day at midnight."""
+    rng = np.random.default_rng(seed)
+    true_s = np.arange(4000) / HZ
+    counts = np.rint(true_s / unit_s).astype(np.int64) - round(rng.uniform(5.0, 15.0) / unit_s)
+    t_ns = arrivals(rng, true_s, 5e-3, 20)
+    wrapping, endless = DeviceClock(unit_s, modulus), DeviceClock(unit_s, NEVER)
+    assert placed(wrapping, counts % modulus, t_ns) == placed(endless, counts + 2**40, t_ns)
+    assert wrapping.resets == endless.resets == 0
 
 
-def test_frames_of_one_chunk_count_on_without_time_passing():
-    counter = Unwrapper(128)
-    assert [counter.extend(k % 128, 0.0) for k in range(300)] == list(range(300))
+def test_older_counts_are_placed_but_do_not_go_on():
+    clock = DeviceClock(1 / HZ, 128)
+    ticks = [clock.take([(k, T0 + 5_000_000 * at)])[0] for at, k in enumerate([0, 1, 3, 2, 3, 4])]
+    assert [round(tick.step_s * HZ) for tick in ticks] == [0, 1, 2, -1, 0, 1]
+    assert ticks[3].t_ns < ticks[2].t_ns
+    assert clock.resets == 0
 
 
-def test_microseconds_wrap_after_71_minutes():
-    counter = Unwrapper(1 << 32)
-    begin = (1 << 32) - 10_000
-    values = [(begin + 5000 * k) % (1 << 32) for k in range(6)]
-    assert [counter.extend(v, 5000.0) - begin for v in values] == [5000 * k for k in range(6)]
+# --- resets ----------------------------------------------------------------------------------
 
 
-def test_a_counter_that_begins_again_never_goes_back():
-    counter = Unwrapper(128)
-    counter.extend(100, 0.0)
-    after = counter.extend(0, 1000.0)
-    assert abs(after - 1100) <= 64
-    assert counter.extend(1, 1.0) == after + 1
+def begun_again(unit_s, modulus, at, again, silence_s):
+    """Counts and true times (s) of 40 s at 50 Hz, the count at `again` after a silence."""
+    k = np.arange(2000)
+    counts = np.rint(k / 50.0 / unit_s).astype(np.int64) + 10_000_000
+    counts = np.where(k < at, counts, counts - counts[at] + again)
+    return counts % modulus, k / 50.0 + silence_s * (k >= at)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    st.sampled_from([(1e-6, 1 << 32), (1e-3, 86_400_000), (5e-3, NEVER)]),
+    st.integers(1, 900),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 20.0),
+)
+def test_a_reset_anywhere_is_a_gap_of_the_time_that_passed(counter, at, fraction, silence_s):
+    """Whatever the count begins again with, the times are right at once."""
+    unit_s, modulus = counter
+    turn = min(modulus, 1 << 32)
+    now = 10_000_000 + round((at / 50.0 + silence_s) / unit_s)
+    away = round(2.0 / unit_s)  # nearer ones look like reordering, or like a backlog at the start
+    again = (now + away + round(fraction * (turn - 2 * away))) % turn
+    counts, true_s = begun_again(unit_s, modulus, at, again, silence_s)
+    clock = DeviceClock(unit_s, modulus)
+    ticks = placed(clock, counts, T0 + np.rint(true_s * 1e9).astype(np.int64))
+    assert np.abs(errors(ticks, true_s)).max() < 1e-5
+    assert sum(tick.step_s for tick in ticks) == pytest.approx(true_s[-1], abs=1e-4)
+    assert clock.resets == 1
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(1, 900), st.integers(0, 127), st.floats(0.3, 20.0))
+def test_a_sequence_that_begins_again_is_right_in_the_end(at, again, silence_s):
+    """A short one leaves open how many turns it missed: that is seen when all stay late."""
+    counts, true_s = begun_again(1 / 50.0, 128, at, again, silence_s)
+    clock = DeviceClock(1 / 50.0, 128)
+    ticks = placed(clock, counts, T0 + np.rint(true_s * 1e9).astype(np.int64))
+    error = errors(ticks, true_s)
+    assert error.max() < 1e-6
+    assert np.abs(error[:at]).max() < 1e-5
+    assert np.abs(error[at + 900 :]).max() < LATE_S
+    assert clock.resets <= 2
+
+
+def test_the_drift_outlives_a_power_cycle():
+    """It is the same crystal: ten seconds later the clock is as good as before."""
+    rng = np.random.default_rng(5)
+    k = np.arange(20_000)
+    true_s = k / HZ * (1.0 + 50e-6) + 3.0 * (k >= 14_000)
+    counts = np.where(k < 14_000, 5000 * k + 1_000_000, 5000 * (k - 14_000))
+    clock = DeviceClock(1e-6, 1 << 32)
+    error = errors(placed(clock, counts, arrivals(rng, true_s, 5e-3, 20)), true_s)
+    assert clock.resets == 1
+    assert rms(error[16_000:]) < 0.1e-3
+
+
+@pytest.mark.parametrize("step_s", [3.0, -3.0, -0.3, 0.1])
+def test_a_device_whose_time_is_set_is_followed(step_s):
+    """A topside's clock that NTP sets: at once where the count leaps, else after five sentences."""
+    rng = np.random.default_rng(6)
+    true_s = 2.0 * np.arange(100)
+    counts = np.rint(1e3 * (true_s + step_s * (true_s >= 120.0))).astype(np.int64) + 40_000_000
+    clock = DeviceClock(1e-3, 86_400_000, 1.0)
+    error = errors(placed(clock, counts, arrivals(rng, true_s, 5e-3, 1)), true_s)
+    assert clock.resets == 1
+    assert rms(error[75:]) < 2e-3
+    assert np.abs(error[60:]).max() < abs(step_s) + 0.05
+
+
+def test_a_queue_of_seconds_is_no_reset():
+    """The line stalls for three seconds, then all comes at once: nothing moves."""
+    true_s = np.arange(6000) / HZ
+    t_ns = T0 + np.rint(true_s * 1e9).astype(np.int64)
+    t_ns[3000:3600] = t_ns[3600]
+    clock = DeviceClock(1e-6, 1 << 32)
+    error = errors(placed(clock, (5000 * np.arange(6000)), t_ns), true_s)
+    assert np.abs(error).max() < 1e-5
+    assert clock.resets == 0

@@ -1,5 +1,8 @@
 """Records to measurements: axes, units, times of validity, gaps, and what is counted."""
 
+from itertools import groupby
+from operator import attrgetter
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -54,9 +57,11 @@ def sample(k, t_rx_ns=None, **changes):
 
 
 def taken(ingest, records):
-    """Times and rows of what became of the records."""
-    for record in records:
-        ingest.take(record)
+    """Times and rows of what became of the records; those with one stamp were one chunk."""
+    for _, chunk in groupby(records, key=attrgetter("t_rx_ns")):
+        for record in chunk:
+            ingest.take(record)
+        ingest.end_of_chunk()
     blocks = ingest.flush()
     t_ns = np.concatenate([np.frombuffer(b.t_ns, dtype=np.int64) for b in blocks])
     rows = np.concatenate([np.frombuffer(b.rows).reshape(-1, 8) for b in blocks])

@@ -7,7 +7,7 @@ a port of its own, and an option says whose position it is. 0.01 minute of latit
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from drivers.codec import Codec, Decoder
+from drivers.codec import Codec, Counting, Decoder
 from drivers.fields import seconds_of_day
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.nmea0183 import degrees, last_start, latitude, longitude, parse
@@ -73,4 +73,5 @@ GLL = Codec(
     options=GllOptions,
     decoder=decoder,
     encode=encode,
+    counting=Counting(time_step_s=1.0),
 )

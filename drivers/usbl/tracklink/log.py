@@ -24,7 +24,7 @@ from datetime import UTC, datetime
 
 from msgspec import UNSET, UnsetType
 
-from drivers.codec import Codec, Decoder
+from drivers.codec import Codec, Counting, Decoder
 from drivers.fields import number
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.nmea0183 import degrees, latitude, longitude
@@ -137,4 +137,5 @@ LOG = Codec(
     options=PositionOptions,
     decoder=decoder,
     encode=encode,
+    counting=Counting(time_step_s=1.0),
 )

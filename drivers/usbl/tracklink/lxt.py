@@ -20,7 +20,7 @@ from functools import partial
 
 import msgspec
 
-from drivers.codec import Codec, Decoder
+from drivers.codec import Codec, Counting, Decoder
 from drivers.fields import number
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.records import Record, UsblRecord
@@ -102,4 +102,5 @@ LXT = Codec(
     options=LxtOptions,
     decoder=decoder,
     encode=encode,
+    counting=Counting(time_step_s=None),
 )

@@ -24,7 +24,7 @@ is split at its blanks into 9 fields, or 10 with an error code.
 
 from functools import partial
 
-from drivers.codec import Codec, Decoder
+from drivers.codec import Codec, Counting, Decoder
 from drivers.fields import number, seconds_of_day
 from drivers.framing import LineDecoder, UnreadableError
 from drivers.records import Reason, Record, UsblRecord
@@ -156,4 +156,5 @@ TP2 = Codec(
     options=PositionOptions,
     decoder=decoder,
     encode=encode,
+    counting=Counting(time_step_s=1.0),
 )
