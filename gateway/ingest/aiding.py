@@ -35,7 +35,7 @@ class AidingIngest(DeviceIngest, Generic[R]):
         wanted: type[R],
         fix: Callable[[R, int], Measurement | str],
     ) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
+        super().__init__(device)
         self._kind = device.kind
         self._wanted: type[R] = wanted
         self._fix: Callable[[R, int], Measurement | str] = fix
@@ -48,7 +48,7 @@ class AidingIngest(DeviceIngest, Generic[R]):
         if not isinstance(record, self._wanted):
             self.counts.ignored[f"not_{self._kind}"] += 1
             return
-        fix = self._fix(record, self._left_instrument_ns(record))
+        fix = self._fix(record, self._valid_at_ns(record, record.t_device_s))
         if isinstance(fix, str):
             self.counts.ignored[fix] += 1
         else:

@@ -69,7 +69,10 @@ class DeviceIngest:
 
     def _valid_at_ns(self, record: Measured, t_device_s: float | None) -> int:
         """When the record was true: by the time it tells if that is wanted, else by its arrival."""
-        t_arrival_ns = self._left_instrument_ns(record)
+        return self._told_ns(t_device_s, self._left_instrument_ns(record))
+
+    def _told_ns(self, t_device_s: float | None, t_arrival_ns: int) -> int:
+        """The moment that a time of the device means, which came to light then at the latest."""
         if self._day is None:
             return t_arrival_ns
         if t_device_s is None:

@@ -35,11 +35,12 @@ class LblIngest(DeviceIngest):
 
     The sentence comes when the last transponder has answered, so that reply is as old as the
     latency says and the others follow from it. Where one does not answer, the sentence waits for a
-    time-out that is not in it: without a clock of the instrument its replies have no time.
+    time-out that is not in it: its replies have no time then, unless the instrument tells the
+    ping's and its clock is wanted.
     """
 
     def __init__(self, name: str, device: LblDevice, sea: Sea) -> None:
-        super().__init__(device.link, device.clock.latency_ms)
+        super().__init__(device)
         self._name = name
         self._sea = sea
         self._asked = frozenset(device.beacons or sea.turnaround_s)
@@ -53,7 +54,7 @@ class LblIngest(DeviceIngest):
             self.counts.ignored["not_lbl"] += 1
         elif not record.valid or not record.replies:
             self.counts.ignored["no_reply" if record.valid else "invalid"] += 1
-        elif record.t_ping_s is not None and not self._complete(record):
+        elif record.t_ping_s is not None and not self._knows_the_ping(record):
             self.counts.ignored["incomplete"] += 1
         else:
             self._take_replies(record)
@@ -64,14 +65,17 @@ class LblIngest(DeviceIngest):
         self.counts.measurements += len(fixes)
         return fixes
 
-    def _complete(self, record: LblRecord) -> bool:
-        return self._asked <= {reply.beacon for reply in record.replies}
+    def _knows_the_ping(self, record: LblRecord) -> bool:
+        """By the instrument's clock, or because nobody was waited for in vain."""
+        complete = self._asked <= {reply.beacon for reply in record.replies}
+        return self._wants_device_time or complete
 
     def _take_replies(self, record: LblRecord) -> None:
         """Place every reply of one ping; a radial rate is a measurement of its own."""
         t_last_ns = self._left_instrument_ns(record)
         waits_s = {reply: self._wait_s(reply) for reply in record.replies}
-        t_ping_ns = t_last_ns - round(1e9 * max(waits_s.values()))
+        latest_ns = t_last_ns - round(1e9 * max(waits_s.values()))
+        t_ping_ns = self._told_ns(record.t_ping_s, latest_ns)
         for reply, wait_s in waits_s.items():
             t_ns = t_ping_ns + round(1e9 * wait_s)
             range_m = self._range_m(reply)

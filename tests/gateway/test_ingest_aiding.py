@@ -150,6 +150,20 @@ def test_a_time_out_that_is_not_told_leaves_no_time():
     assert dict(made.counts.ignored) == {"incomplete": 1}
 
 
+def test_with_the_instruments_clock_a_time_out_does_no_harm():
+    """Ten whole cycles say what its time means; then B is silent and A's reply waits a second."""
+    made = lbl(clock={"source": "device"})
+    pings = [T0 + k * 4_000_000_000 for k in range(11)]
+    for k, ping in enumerate(pings[:10]):
+        both = replies(A=0.1, B=0.1)
+        taken(made, LblRecord(t_rx_ns=ping + 450_000_000, t_ping_s=4.0 * k, replies=both))
+    alone = LblRecord(t_rx_ns=pings[10] + 1_450_000_000, t_ping_s=40.0, replies=replies(A=0.1))
+    [fix] = taken(made, alone)
+    assert fix.t_ns == pytest.approx(pings[10] + 200_000_000, abs=10_000)
+    assert fix.t_transmit_ns == pytest.approx(pings[10], abs=10_000)
+    assert made.counts.ignored == {}
+
+
 def test_a_range_by_itself_tells_when_its_ping_left():
     """No time of the ping: the filter takes it from the range."""
     [fix] = taken(lbl(), LblRecord(t_rx_ns=T0, replies=replies(B=0.5)))
