@@ -1,5 +1,7 @@
 """Check values of the wire formats, each at the speed of the C code it leans on."""
 
+from binascii import crc_hqx
+from itertools import accumulate
 from zlib import crc32
 
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -20,6 +22,27 @@ def crc32_mpeg2(data: bytes) -> bytes:
 def crc32_mpeg2_holds(frame: bytes) -> bool:
     """Tell whether `frame` ends in its own CRC-32/MPEG-2: the division leaves no remainder."""
     return crc32(frame.translate(_REVERSED)) == _ONES
+
+
+def crc16_xmodem(data: bytes) -> int:
+    """CRC-16/XMODEM: polynomial 1021, initial value 0, not reflected."""
+    return crc_hqx(data, 0)
+
+
+def crc16_ccitt_false(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 1021, initial value FFFF, not reflected."""
+    return crc_hqx(data, 0xFFFF)
+
+
+def crc16_kermit(data: bytes) -> int:
+    """CRC-16/KERMIT: polynomial 1021 reflected, initial value 0: XMODEM of mirrored bytes."""
+    mirrored = crc_hqx(data.translate(_REVERSED), 0)
+    return int.from_bytes(mirrored.to_bytes(2, "big").translate(_REVERSED), "little")
+
+
+def fletcher8(data: bytes) -> bytes:
+    """Two sums modulo 256: of all bytes, and of that sum after each byte."""
+    return bytes((sum(data) & 0xFF, sum(accumulate(data)) & 0xFF))
 
 
 def sum8(data: bytes) -> int:

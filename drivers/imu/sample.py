@@ -1,6 +1,7 @@
 """What the codecs of inertial units have in common: units, sanity, and the quantities to encode."""
 
 from math import pi
+from typing import Literal
 
 from msgspec import UNSET
 
@@ -11,6 +12,9 @@ G0 = 9.80665
 
 DEG = pi / 180
 """One degree (rad)."""
+
+Prefer = Literal["increments", "rates"]
+"""What to take from a frame that carries both: increments miss nothing between two samples."""
 
 RATE_MAX = 100.0
 """Faster than any gyro here can tell (rad/s); none counts increments over more than a second, so

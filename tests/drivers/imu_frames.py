@@ -1,9 +1,17 @@
 """Frames of every codec of inertial units, from its own `encode`."""
 
+import msgspec
+
+from drivers.codec import Codec
 from drivers.imu import stim300
+from drivers.imu.anpp import ANPP
 from drivers.imu.kvh import KVH1750, KvhOptions
+from drivers.imu.mip import MIP
 from drivers.imu.novatel.logs import NOVATEL_SPAN, NovatelOptions
+from drivers.imu.sbg import SBG_ECOM
 from drivers.imu.stim300 import Stim300Options
+from drivers.imu.vectornav import VECTORNAV
+from drivers.imu.xsens import XSENS_MTDATA2
 from drivers.records import CompensatedRecord, DeviceStatus, ImuRecord
 
 
@@ -82,8 +90,31 @@ def _novatel() -> list[bytes]:
     ]
 
 
+def _either(codec: Codec, **more: object) -> list[bytes]:
+    """Increments and rates in turn, with a sample that is not valid and a warm one."""
+    rates = msgspec.convert({"prefer": "rates"}, codec.options)
+    return [
+        codec.encode(_increments(1, interval_s=0.01, **more), codec.options()),
+        codec.encode(_rates(2, t_device_s=12.5, temperature_c=31.5), rates),
+        codec.encode(_increments(3, valid=False), codec.options()),
+        codec.encode(_rates(4), rates),
+    ]
+
+
+def _rated(codec: Codec) -> list[bytes]:
+    return [
+        codec.encode(_rates(n, temperature_c=30.0 + n, **more), codec.options())
+        for n, more in enumerate(({"t_device_s": 12.5}, {}, {"valid": False}, {}))
+    ]
+
+
 IMU = {
     "kvh1750": _kvh(),
     "stim300": _stim300(),
     "novatel-span": _novatel(),
+    "vectornav": _either(VECTORNAV),
+    "xsens-mtdata2": _either(XSENS_MTDATA2, sequence=65535),
+    "mip": _either(MIP),
+    "sbg-ecom": _rated(SBG_ECOM),
+    "anpp": _rated(ANPP),
 }

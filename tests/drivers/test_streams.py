@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from drivers import registry
 from drivers.records import Rejected
+from tests.drivers.imu_frames import IMU
 from tests.drivers.streams import FRAMES, STRONG, bare, check_tiling, decoder, good, run
 
-FORMAT_IN_OPTIONS = {"kvh1750", "stim300", "novatel-span"}
+FORMAT_IN_OPTIONS = set(IMU)
 """One set of options reads several formats and writes one."""
 
 EVERY = pytest.mark.parametrize("name", sorted(FRAMES))
