@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from gateway.envelope import Drift, Envelope
+from gateway.envelope import Before, Envelope
 
 LOCKED_AFTER = 8
 """Stretches after which a clock is locked: what it learns then is slewed in, not stepped to."""
@@ -19,6 +19,10 @@ SLEW = 1e-3
 """Fastest correction of a locked clock: a millisecond a second."""
 DRIFT_AGAIN = 3e-6
 """How much a power cycle may change a drift."""
+JITTER_AGAIN = 4
+"""As if so many stretches after it had shown the jitter that was before."""
+QUEUES = 100
+"""Chunks over which the mean queue is taken."""
 BACKLOG_S = 0.5
 """How much earlier than the first ones an arrival may be, for a line may begin with a backlog."""
 EARLY_S = 1e-3
@@ -107,7 +111,9 @@ class DeviceClock:
         self._origin_ns = self._t_last_ns = 0
         self._first = self._last = 0
         self._due_s = self._lag_s = 0.0
-        self._envelope = Envelope(Drift())
+        self._envelope = Envelope(Before())
+        self._queue_s = 0.0
+        self._chunks = 0
         self.resets = 0
 
     @property
@@ -147,6 +153,7 @@ class DeviceClock:
             if step is None or self._envelope.late >= LATE_STRETCHES:
                 ticks += map(self._place, seen if step is None else seen[:-1])
                 seen = [self._begin(value, t_arrival_ns)]
+        self._learn_queue(seen)
         ticks += map(self._place, seen)
         return ticks
 
@@ -201,10 +208,21 @@ class DeviceClock:
     def _moved(self, by_s: float) -> None:
         """Note that the envelope moved: a locked clock slews, and knows what is too early."""
         self._period_s = self._unit_s * (1.0 + self.drift)
-        if self._envelope.stretches >= LOCKED_AFTER:
+        if self._envelope.stretches < LOCKED_AFTER:
+            self._lag_s = 0.0
+        else:
             self._lag_s -= by_s
             early_s = max(EARLY_S, 10.0 * (self._envelope.line.sigma or 0.0))
             self._early = min(self._backlog, early_s / self._unit_s)
+
+    def _learn_queue(self, seen: list[_Seen]) -> None:
+        """How long a chunk waits on the mean: so much the first ones after a reset are late."""
+        self._chunks += 1
+        if self._envelope.line.sigma is None:
+            self._lag_s = -self._queue_s / self._chunks
+        elif self.state == "locked":
+            c, delay, _ = seen[-1]
+            self._queue_s += (delay - self._envelope.height(c) - self._queue_s) / QUEUES
 
     def _place(self, seen: _Seen) -> Tick:
         """Time of a count by the envelope, corrections slewed in; never after its arrival."""
@@ -225,7 +243,9 @@ class DeviceClock:
 
     def _begin(self, value: int, t_arrival_ns: int) -> _Seen:
         """Start from this arrival; a drift that was known is nearly the same still."""
-        drift = Drift(self.drift, DRIFT_AGAIN) if self.state == "locked" else Drift()
+        before = Before()
+        if self.state == "locked":
+            before = Before(self.drift, DRIFT_AGAIN, self._envelope.jitter_s, JITTER_AGAIN)
         if self._silent:
             self._silent, self._t_last_ns = False, t_arrival_ns
         else:
@@ -234,5 +254,6 @@ class DeviceClock:
         self._first = self._last = value
         self._due_s = self._lag_s = 0.0
         self._early = self._backlog
-        self._envelope = Envelope(drift)
+        self._envelope = Envelope(before)
+        self._chunks = 0
         return 0.0, 0.0, None

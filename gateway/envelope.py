@@ -33,11 +33,17 @@ _NEGLIGIBLE = 16.0
 """Slopes less likely than the best by exp of this do not count."""
 
 
-class Drift(NamedTuple):
-    """What is believed of a drift beforehand: about `mean`, give or take `scale` (or far more)."""
+class Before(NamedTuple):
+    """What is believed beforehand.
 
-    mean: float = 0.0
+    The drift is about `drift`, give or take `scale` (or far more); the mean delay of the stretches
+    about `jitter_s`, as surely as if it had been seen on `seen` of them.
+    """
+
+    drift: float = 0.0
     scale: float = 50e-6
+    jitter_s: float = 0.0
+    seen: int = 0
 
 
 class Line(NamedTuple):
@@ -62,10 +68,10 @@ class Envelope:
         How many stretches up to now kept far above it.
     """
 
-    def __init__(self, drift: Drift) -> None:
-        self._drift = drift
-        self.line = Line(0.0, 0.0, drift.mean, None)
-        self.jitter_s = 0.0
+    def __init__(self, before: Before) -> None:
+        self._before = before
+        self.line = Line(0.0, 0.0, before.drift, None)
+        self.jitter_s = before.jitter_s
         self.late = 0
         self._spread_s = 0.0
         self._end = STRETCH_S
@@ -103,38 +109,40 @@ class Envelope:
         middle = np.median(above)
         self._spread_s = float(np.median(np.abs(above - middle)))
         near = above <= STRAY * middle + RESOLUTION_S
-        if np.count_nonzero(near) < FIT_AFTER:
+        if np.count_nonzero(near) + self._before.seen < FIT_AFTER:
             return False
-        self.line, self.jitter_s = line_below(x[near], r[near], c, self._drift)
+        self.line, self.jitter_s = line_below(x[near], r[near], c, self._before)
         return True
 
 
-def line_below(x: Array, r: Array, at: float, drift: Drift) -> tuple[Line, float]:
+def line_below(x: Array, r: Array, at: float, before: Before) -> tuple[Line, float]:
     """The line below all points (x, r), as the mean of what it may be.  # (M.61)
 
     Parameters
     ----------
     x, r
-        (n,) s, n >= 4: abscissas, and ordinates that delays raised above the line.
+        (n,) s: abscissas, and ordinates that delays raised above the line. At least four, or fewer
+        by those `before` has seen.
     at
         Abscissa where its height is asked for.
-    drift
-        What is believed of its slope beforehand.
+    before
+        What is believed of its slope and of the delays.
 
     Returns
     -------
     line, jitter
-        The line, and the mean of the points above it (s).
+        The line, and the mean delay (s).
     """
     n, middle, mean = x.size, x.mean(), r.mean()
+    known = n + before.seen
     z = (x - middle)[:, np.newaxis]
     low, high = -DRIFT_BOUND, DRIFT_BOUND
     while True:
         slope = np.linspace(low, high, _GRID)
         top = (r[:, np.newaxis] - z * slope).min(axis=0)
-        gap = np.maximum(mean - top, RESOLUTION_S)
-        prior = -2.0 * np.log1p(((slope - drift.mean) / drift.scale) ** 2 / 3.0)
-        likely = prior - (n - 1) * np.log(gap)
+        gap = np.maximum(mean - top, RESOLUTION_S) + before.seen * before.jitter_s / n
+        prior = -2.0 * np.log1p(((slope - before.drift) / before.scale) ** 2 / 3.0)
+        likely = prior - (known - 1) * np.log(gap)
         likely -= likely.max()
         first, last = np.flatnonzero(likely > -_NEGLIGIBLE)[[0, -1]]
         if last - first > _GRID // 3:
@@ -142,9 +150,9 @@ def line_below(x: Array, r: Array, at: float, drift: Drift) -> tuple[Line, float
         low, high = slope[max(first - 1, 0)], slope[min(last + 1, _GRID - 1)]
     weight = np.exp(likely)
     weight /= weight.sum()
-    heights = top - gap / (n - 2) + slope * (at - middle)
+    heights = top - gap / (known - 2) + slope * (at - middle)
     height, steepness = float(weight @ heights), float(weight @ slope)
-    spread = gap**2 * (n - 1) / ((n - 2) ** 2 * (n - 3))
+    spread = gap**2 * (known - 1) / ((known - 2) ** 2 * (known - 3))
     sigma = float(np.sqrt(weight @ (spread + (heights - height) ** 2)))
-    jitter = float(weight @ gap) * (n - 1) / (n - 2)
+    jitter = float(weight @ gap) * n / (known - 2)
     return Line(at, height, steepness, sigma), jitter

@@ -175,9 +175,11 @@ def test_a_reset_anywhere_is_a_gap_of_the_time_that_passed(counter, at, fraction
     """Whatever the count begins again with, the times are right at once."""
     unit_s, modulus = counter
     turn = min(modulus, 1 << 32)
-    now = 10_000_000 + round((at / 50.0 + silence_s) / unit_s)
-    away = round(2.0 / unit_s)  # nearer ones look like reordering, or like a backlog at the start
-    again = (now + away + round(fraction * (turn - 2 * away))) % turn
+    last = 10_000_000 + round((at - 1) / 50.0 / unit_s)
+    # Between the last count and what it would be now it looks like a queue; near by, like a backlog
+    # at the start or like reordering.
+    ahead, behind = round((silence_s + 2.0) / unit_s), round(2.0 / unit_s)
+    again = (last + ahead + round(fraction * (turn - ahead - behind))) % turn
     counts, true_s = begun_again(unit_s, modulus, at, again, silence_s)
     clock = DeviceClock(unit_s, modulus)
     ticks = placed(clock, counts, T0 + np.rint(true_s * 1e9).astype(np.int64))

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.envelope import Drift, Envelope, line_below
+from gateway.envelope import Before, Envelope, line_below
 
-PRIOR = Drift()
+PRIOR = Before()
 points = st.lists(
     st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 0.1)),
     min_size=4,
