@@ -6,7 +6,7 @@ import signal
 import time
 from contextlib import AsyncExitStack
 
-from drivers.links import open_link
+from drivers.links import Chunk, open_link
 from drivers.settings import StdioLink
 from gateway import realtime, systemd
 from gateway.config import Config, NmeaOutput, Output
@@ -95,22 +95,24 @@ class _Daemon:
         settings = self._config.devices[line.name].link
 
         async def once(alive: Alive) -> None:
-            async with open_link(settings, line.link) as link:
+            def take(chunk: Chunk) -> None:
+                alive()
+                line.heard(time.monotonic())
+                self._hand_on(line, chunk)
+
+            async with open_link(settings, take, line.link) as link:
                 line.opened(time.monotonic())
                 try:
-                    async for chunk in link:
-                        alive()
-                        line.heard(time.monotonic())
-                        line.intake.feed(chunk.data, chunk.t_rx_ns)
-                        self._hand_on(line, chunk.t_rx_ns)
+                    await link.lost()
                 finally:
                     line.lost()
 
         await keep_running(line.name, once)
 
-    def _hand_on(self, line: Line, t_rx_ns: int) -> None:
-        """Give the filter what came of a chunk."""
-        passage = self._health.passage
+    def _hand_on(self, line: Line, chunk: Chunk) -> None:
+        """Decode a chunk and give the filter what came of it."""
+        passage, t_rx_ns = self._health.passage, chunk.t_rx_ns
+        line.intake.feed(chunk.data, t_rx_ns)
         decoded_ns = time.monotonic_ns()
         passage.decoded(line.name, t_rx_ns, decoded_ns)
         for measurement in line.intake.flush():

@@ -55,8 +55,6 @@ class DeviceReport(msgspec.Struct, frozen=True):
     gaps: int
     missing: int
     refused_datagrams: int
-    dropped_chunks: int
-    dropped_bytes: int
     kernel_dropped: int
     clock: ClockReport
 
@@ -118,8 +116,6 @@ class Line:
             gaps=counts.gaps,
             missing=counts.missing,
             refused_datagrams=link.refused,
-            dropped_chunks=link.dropped_chunks,
-            dropped_bytes=link.dropped_bytes,
             kernel_dropped=link.kernel_dropped,
             clock=self.intake.clock_report(),
         )
@@ -209,8 +205,7 @@ class Health:
         self._stages.turn(now)
         for line in self._lines:
             line.watch(now)
-            self._losses.watch(f"{line.name}: the system", line.link.kernel_dropped, now)
-            self._losses.watch(f"{line.name}: the queue", line.link.dropped_chunks, now)
+            self._losses.watch(f"{line.name}: the system's buffer", line.link.kernel_dropped, now)
         self._losses.watch("filter: the queue", self._host.status.dropped, now)
         if self._nav is not None and now - self._solved_at > FLOWING_S:
             _log.warning("navigation: no solution for %.0f s", now - self._solved_at)

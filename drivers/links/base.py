@@ -1,16 +1,10 @@
-"""What every link shares: stamped chunks, counts, and a bounded queue between line and reader."""
+"""What every link shares: stamped chunks, counts, and how its loss is learnt."""
 
 import asyncio
 import os
-from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Self
-
-QUEUE_BYTES = 4 * 1024 * 1024
-"""What may wait for a slow reader: minutes of an instrument, yet little memory."""
-
-CHUNK_OVERHEAD = 256
-"""What a waiting chunk costs beside its bytes, so that many tiny ones are bounded too."""
+from typing import NamedTuple
 
 
 class Chunk(NamedTuple):
@@ -31,6 +25,10 @@ class Chunk(NamedTuple):
     source: str
 
 
+Take = Callable[[Chunk], None]
+"""Gets each chunk on the event loop, in the very callback that read it; it must not wait."""
+
+
 class LinkError(OSError):
     """The line is gone or could not be opened: one line that names it and says why."""
 
@@ -40,72 +38,63 @@ class LinkCounts:
     """Running totals of one line; hand the same object to every reopening of it."""
 
     bytes: int = 0
-    """Bytes that arrived, those dropped later included."""
     chunks: int = 0
     refused: int = 0
     """Datagrams from senders that the `allow` list does not name."""
     kernel_dropped: int = 0
     """Datagrams the kernel had no room for."""
-    dropped_chunks: int = 0
-    """Chunks, oldest first, that a slow reader let run over the queue's bound."""
-    dropped_bytes: int = 0
 
 
 class Link:
-    """An open line: ``async for chunk in link``. What is queued still comes before `LinkError`.
+    """An open line, which hands over what arrives until it is lost.
+
+    Nothing is queued here: what the program is too slow for waits in the kernel, which counts what
+    it drops.
 
     Parameters
     ----------
     name
         What its messages call it.
+    take
+        Gets the chunks.
     counts
         Where it counts.
-    limit
-        Bound of the queue (bytes). Beyond it the oldest chunk goes: fresh data is worth more.
     """
 
-    def __init__(self, name: str, counts: LinkCounts, limit: int = QUEUE_BYTES) -> None:
+    def __init__(self, name: str, take: Take, counts: LinkCounts) -> None:
         self.name = name
         self.counts = counts
-        self._limit = limit
-        self._queue: deque[Chunk] = deque()
-        self._queued = 0
-        self._lost: LinkError | None = None
-        self._wake = asyncio.Event()
+        self._take = take
+        self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def put(self, chunk: Chunk) -> None:
-        """Queue a chunk for the reader."""
-        size = len(chunk.data)
+        """Hand over a chunk; what fails there is raised by `lost` and ends the line."""
         self.counts.chunks += 1
-        self.counts.bytes += size
-        self._queue.append(chunk)
-        self._queued += size + CHUNK_OVERHEAD
-        while self._queued > self._limit and len(self._queue) > 1:
-            dropped = self._take()
-            self.counts.dropped_chunks += 1
-            self.counts.dropped_bytes += len(dropped.data)
-        self._wake.set()
+        self.counts.bytes += len(chunk.data)
+        try:
+            self._take(chunk)
+        except Exception as error:
+            self._fail(error)
+            raise
 
     def lose(self, why: str) -> None:
-        """Say that nothing more will come; the reader learns it after what is queued."""
-        self._lost = LinkError(f"{self.name}: {why}")
-        self._wake.set()
+        """Say that nothing more will come."""
+        self._fail(LinkError(f"{self.name}: {why}"))
 
-    def __aiter__(self) -> Self:
-        return self
+    async def lost(self) -> None:
+        """Wait for the end of the line, which is an error.
 
-    async def __anext__(self) -> Chunk:
-        while not self._queue:
-            if self._lost is not None:
-                raise self._lost
-            self._wake.clear()
-            await self._wake.wait()
-        return self._take()
+        Raises
+        ------
+        LinkError
+            When the line is lost.
+        """
+        await asyncio.shield(self._end)
 
-    def _take(self) -> Chunk:
-        chunk = self._queue.popleft()
-        self._queued -= len(chunk.data) + CHUNK_OVERHEAD
-        return chunk
+    def _fail(self, error: Exception) -> None:
+        if not self._end.done():
+            self._end.set_exception(error)
+            self._end.exception()  # whoever cares asks `lost`
 
 
 def reason(error: OSError) -> str:

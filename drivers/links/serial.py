@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager, suppress
 
 from serial import Serial
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, Take, reason
 from drivers.settings import SerialLink
 
 READ_BYTES = 65_536
@@ -19,7 +19,7 @@ BITS_A_BYTE = 10
 
 
 @asynccontextmanager
-async def open_serial(settings: SerialLink, counts: LinkCounts) -> AsyncIterator[Link]:
+async def open_serial(settings: SerialLink, take: Take, counts: LinkCounts) -> AsyncIterator[Link]:
     """Read a serial port, which nobody else may hold; each chunk is stamped as it is read.
 
     Raises
@@ -29,7 +29,7 @@ async def open_serial(settings: SerialLink, counts: LinkCounts) -> AsyncIterator
     """
     port = _open_port(settings)
     loop = asyncio.get_running_loop()
-    link = Link(settings.port, counts)
+    link = Link(settings.port, take, counts)
     fd = port.fileno()
     loop.add_reader(fd, _reader(fd, link))
     try:

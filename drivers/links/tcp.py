@@ -5,7 +5,7 @@ import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, Take, reason
 from drivers.links.stamps import ANCILLARY_BYTES, MonotonicStamps, request_stamps
 from drivers.settings import TcpLink
 
@@ -19,7 +19,10 @@ _KEEP_ALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_NOD
 
 @asynccontextmanager
 async def open_tcp(
-    settings: TcpLink, counts: LinkCounts, connect_timeout_s: float = CONNECT_TIMEOUT_S
+    settings: TcpLink,
+    take: Take,
+    counts: LinkCounts,
+    connect_timeout_s: float = CONNECT_TIMEOUT_S,
 ) -> AsyncIterator[Link]:
     """Connect to ``host:port`` and read.
 
@@ -37,7 +40,7 @@ async def open_tcp(
         raise LinkError(f"{name}: no answer in {connect_timeout_s:g} s") from error
     except OSError as error:
         raise LinkError(f"{name}: {reason(error)}") from error
-    link = Link(name, counts)
+    link = Link(name, take, counts)
     loop.add_reader(sock, _reader(sock, link, f"{settings.host}:{settings.port}"))
     try:
         yield link

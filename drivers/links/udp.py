@@ -10,20 +10,20 @@ from functools import lru_cache
 from ipaddress import ip_address
 from typing import Any
 
-from drivers.links.base import Chunk, Link, LinkCounts, LinkError, reason
+from drivers.links.base import Chunk, Link, LinkCounts, LinkError, Take, reason
 from drivers.links.stamps import ANCILLARY_BYTES, MonotonicStamps, dropped_so_far, request_stamps
 from drivers.settings import UdpLink
 from drivers.sources import source_filter
 
 MAX_DATAGRAM = 65_535
 RECEIVE_BUFFER = 4 * 1024 * 1024
-DATAGRAMS_A_WAKEUP = 64
+DATAGRAMS_A_WAKEUP = 16
 """So that a flood on one socket leaves the rest of the loop its turn."""
 REJOIN_S = 5.0
 
 
 @asynccontextmanager
-async def open_udp(settings: UdpLink, counts: LinkCounts) -> AsyncIterator[Link]:
+async def open_udp(settings: UdpLink, take: Take, counts: LinkCounts) -> AsyncIterator[Link]:
     """Listen on ``bind:port``; with ``group``, to that group on the interface of ``bind``.
 
     Raises
@@ -39,7 +39,7 @@ async def open_udp(settings: UdpLink, counts: LinkCounts) -> AsyncIterator[Link]
     except (OSError, ValueError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
         raise LinkError(f"{name}: {why}") from error
-    link = Link(name, counts)
+    link = Link(name, take, counts)
     loop.add_reader(sock, _reader(sock, link, admits))
     keeper = loop.create_task(_stay_joined(sock, settings, link)) if settings.group else None
     try:

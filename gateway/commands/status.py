@@ -84,8 +84,7 @@ def _endpoint(outputs: Sequence[object], file: Path) -> str:
 def _device(name: str, device: DeviceReport) -> list[str]:
     silent = "-" if device.silent_s is None else f"{device.silent_s:.1f}"
     rejected = sum(device.rejected.values()) + sum(device.ignored.values())
-    lost = device.kernel_dropped + device.dropped_chunks
-    counts = (device.bytes, device.records, rejected, device.gaps, lost)
+    counts = (device.bytes, device.records, rejected, device.gaps, device.kernel_dropped)
     return [name, device.codec, silent, *map(str, counts)]
 
 

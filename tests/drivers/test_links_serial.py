@@ -10,9 +10,10 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.links import LinkCounts, LinkError, open_link
+from drivers.links import LinkCounts, LinkError
 from drivers.links.serial import SerialWriter, open_serial_writer
 from drivers.settings import SerialLink
+from tests.drivers.hearing import hearing
 
 
 class Cable:
@@ -38,7 +39,7 @@ def cable() -> Iterator[Cable]:
 
 async def test_bytes_are_stamped_as_they_are_read(cable: Cable) -> None:
     counts = LinkCounts()
-    async with open_link(cable.settings, counts) as link:
+    async with hearing(cable.settings, counts) as link:
         before = time.monotonic_ns()
         os.write(cable.far, b"\x00\x11\x13\xff$GPGLL\r\n")
         async with asyncio.timeout(5):
@@ -51,7 +52,7 @@ async def test_bytes_are_stamped_as_they_are_read(cable: Cable) -> None:
 
 
 async def test_a_pulled_cable_is_a_loss_after_the_last_bytes(cable: Cable) -> None:
-    async with open_link(cable.settings) as link:
+    async with hearing(cable.settings) as link:
         os.write(cable.far, b"last words")
         async with asyncio.timeout(5):
             assert (await anext(link)).data == b"last words"
@@ -64,20 +65,20 @@ async def test_a_pulled_cable_is_a_loss_after_the_last_bytes(cable: Cable) -> No
 
 
 async def test_nobody_else_may_hold_the_port(cable: Cable) -> None:
-    async with open_link(cable.settings):
+    async with hearing(cable.settings):
         with pytest.raises(LinkError) as lost:
-            async with open_link(cable.settings):
+            async with hearing(cable.settings):
                 pass
         with pytest.raises(LinkError):
             open_serial_writer(cable.settings)
     assert str(lost.value) == f"{cable.settings.port}: in use by another program"
-    async with open_link(cable.settings):
+    async with hearing(cable.settings):
         pass
 
 
 async def test_an_absent_port_is_one_clear_line() -> None:
     with pytest.raises(LinkError) as lost:
-        async with open_link(SerialLink(port="/dev/no-such-port")):
+        async with hearing(SerialLink(port="/dev/no-such-port")):
             pass
     assert str(lost.value) == "/dev/no-such-port: no such file or directory"
 
@@ -85,7 +86,7 @@ async def test_an_absent_port_is_one_clear_line() -> None:
 @pytest.mark.parametrize("path", [__file__, "/dev/null"])
 async def test_what_is_no_serial_port_is_one_clear_line(path: str) -> None:
     with pytest.raises(LinkError) as lost:
-        async with open_link(SerialLink(port=path)):
+        async with hearing(SerialLink(port=path)):
             pass
     assert str(lost.value).startswith(f"{path}: ")
     assert "\n" not in str(lost.value)

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.links import Chunk, Link, LinkCounts, LinkError, open_link
+from drivers.links import Chunk, LinkCounts, LinkError
 from drivers.links.tcp import open_tcp
 from drivers.settings import TcpLink
 from gateway.supervise import Alive, Backoff, Notice, keep_running
+from tests.drivers.hearing import Heard, hearing
 
 TCP_TABLE = Path("/proc/net/tcp")
 
@@ -38,7 +39,7 @@ def reset(connection: socket.socket) -> None:
     connection.close()
 
 
-async def read_until_lost(link: Link) -> tuple[bytes, str]:
+async def read_until_lost(link: Heard) -> tuple[bytes, str]:
     received = b""
     try:
         async with asyncio.timeout(5):
@@ -52,7 +53,7 @@ async def read_until_lost(link: Link) -> tuple[bytes, str]:
 async def test_bytes_then_end_of_file(server: socket.socket) -> None:
     settings = settings_of(server)
     counts = LinkCounts()
-    async with open_link(settings, counts) as link:
+    async with hearing(settings, counts) as link:
         connection = await accept(server)
         connection.sendall(b"abc" * 1000)
         connection.close()
@@ -64,7 +65,7 @@ async def test_bytes_then_end_of_file(server: socket.socket) -> None:
 
 async def test_a_reset_is_a_loss(server: socket.socket) -> None:
     settings = settings_of(server)
-    async with open_link(settings) as link:
+    async with hearing(settings) as link:
         reset(await accept(server))
         _, line = await read_until_lost(link)
     assert line == f"tcp 127.0.0.1:{settings.port}: connection reset by peer"
@@ -74,7 +75,7 @@ async def test_a_refusal_is_a_loss(server: socket.socket) -> None:
     settings = settings_of(server)
     server.close()
     with pytest.raises(LinkError, match=rf"^tcp 127\.0\.0\.1:{settings.port}: connection refused$"):
-        async with open_link(settings):
+        async with hearing(settings):
             pass
 
 
@@ -86,7 +87,7 @@ async def test_a_silent_host_is_given_up(server: socket.socket) -> None:
     try:
         with pytest.raises(LinkError, match=r"no answer in 0\.2 s"):
             for _ in range(20):
-                opening = open_tcp(settings, LinkCounts(), connect_timeout_s=0.2)
+                opening = open_tcp(settings, print, LinkCounts(), connect_timeout_s=0.2)
                 await opening.__aenter__()
                 fillers.append(opening)
     finally:
@@ -103,7 +104,7 @@ def timer_of_connection_to(port: int) -> list[str]:
 @pytest.mark.skipif(not TCP_TABLE.exists(), reason="no /proc")
 async def test_an_idle_line_is_kept_alive(server: socket.socket) -> None:
     settings = settings_of(server)
-    async with open_link(settings):
+    async with hearing(settings):
         connection = await accept(server)
         timer, left = timer_of_connection_to(settings.port)
         connection.close()
@@ -113,7 +114,7 @@ async def test_an_idle_line_is_kept_alive(server: socket.socket) -> None:
 
 async def test_stamp_and_source(server: socket.socket) -> None:
     settings = settings_of(server)
-    async with open_link(settings) as link:
+    async with hearing(settings) as link:
         connection = await accept(server)
         before = time.monotonic_ns()
         connection.sendall(b"x")
@@ -132,7 +133,7 @@ async def test_supervised_it_comes_back_by_itself(server: socket.socket) -> None
     heard, enough = asyncio.Event(), asyncio.Event()
 
     async def read(alive: Alive) -> None:
-        async with open_link(settings, counts) as link:
+        async with hearing(settings, counts) as link:
             async for chunk in link:
                 alive()
                 received.append(chunk.data)

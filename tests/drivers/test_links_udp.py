@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.links import Chunk, LinkCounts, LinkError, open_link, udp
-from drivers.links.base import CHUNK_OVERHEAD, Link
 from drivers.settings import UdpLink
 from drivers.sources import address_faults
+from tests.drivers.hearing import Heard, hearing
 
 
 def free_port(address: str = "127.0.0.1") -> int:
@@ -28,7 +28,7 @@ def sender() -> Iterator[socket.socket]:
         yield sock
 
 
-async def take(link: Link, count: int) -> list[Chunk]:
+async def take(link: Heard, count: int) -> list[Chunk]:
     async with asyncio.timeout(5):
         return [await anext(link) for _ in range(count)]
 
@@ -37,7 +37,7 @@ async def test_datagrams_come_whole_and_in_order(sender: socket.socket) -> None:
     port = free_port()
     counts = LinkCounts()
     sent = [b"", b"a", b"\x00" * 9000, b"z" * 60_000]
-    async with open_link(UdpLink(port=port), counts) as link:
+    async with hearing(UdpLink(port=port), counts) as link:
         for data in sent:
             sender.sendto(data, ("127.0.0.1", port))
         chunks = await take(link, len(sent))
@@ -54,7 +54,7 @@ def stall(seconds: float) -> None:
 @pytest.mark.skipif(os.uname().sysname != "Linux", reason="the kernel stamps on Linux only")
 async def test_stamp_is_the_kernels_even_when_the_loop_is_blocked(sender: socket.socket) -> None:
     port = free_port()
-    async with open_link(UdpLink(port=port)) as link:
+    async with hearing(UdpLink(port=port)) as link:
         sent = []
         for n in range(5):
             sent.append(time.monotonic_ns())
@@ -70,7 +70,7 @@ async def test_a_wall_clock_set_ahead_moves_no_stamp(
     sender: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = free_port()
-    async with open_link(UdpLink(port=port)) as link:
+    async with hearing(UdpLink(port=port)) as link:
         before = time.monotonic_ns()
         sender.sendto(b"x", ("127.0.0.1", port))
         real = time.time_ns
@@ -85,7 +85,7 @@ async def test_only_allowed_senders_are_heard(
 ) -> None:
     port = free_port()
     counts = LinkCounts()
-    async with open_link(UdpLink(port=port, allow=allow), counts) as link:
+    async with hearing(UdpLink(port=port, allow=allow), counts) as link:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as friend:
             friend.bind(("127.0.0.2", 0))
             sender.sendto(b"stranger", ("127.0.0.1", port))
@@ -100,7 +100,7 @@ async def test_a_multicast_group_is_joined_and_nothing_else_gets_in(sender: sock
     settings = UdpLink(port=port, group="239.192.7.1", bind="127.0.0.1")
     interface = socket.inet_aton("127.0.0.1")
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
-    async with open_link(settings) as first, open_link(settings) as second:
+    async with hearing(settings) as first, hearing(settings) as second:
         sender.sendto(b"not for the group", ("127.0.0.1", port))
         sender.sendto(b"another group", ("239.192.7.2", port))
         sender.sendto(b"group", ("239.192.7.1", port))
@@ -114,7 +114,7 @@ async def test_joining_again_does_no_harm(
     monkeypatch.setattr(udp, "REJOIN_S", 0.001)
     port = free_port("0.0.0.0")
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-    async with open_link(UdpLink(port=port, group="239.192.7.1")) as link:
+    async with hearing(UdpLink(port=port, group="239.192.7.1")) as link:
         for n in range(10):
             await asyncio.sleep(0.002)
             sender.sendto(bytes([n]), ("239.192.7.1", port))
@@ -141,7 +141,7 @@ async def test_an_ipv6_group_is_joined_on_its_interface() -> None:
     port = free_port("::1")
     six, name, index = multicast_sender6()
     with six:
-        async with open_link(UdpLink(port=port, group=f"ff12::7001%{name}")) as link:
+        async with hearing(UdpLink(port=port, group=f"ff12::7001%{name}")) as link:
             six.sendto(b"six", ("ff12::7001", port, 0, index))
             assert (await take(link, 1))[0].data == b"six"
 
@@ -149,7 +149,7 @@ async def test_an_ipv6_group_is_joined_on_its_interface() -> None:
 async def test_broadcasts_are_heard_on_the_wildcard(sender: socket.socket) -> None:
     port = free_port("0.0.0.0")
     sender.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-    async with open_link(UdpLink(port=port, bind="0.0.0.0")) as link:
+    async with hearing(UdpLink(port=port, bind="0.0.0.0")) as link:
         sender.sendto(b"all", ("127.255.255.255", port))
         assert (await take(link, 1))[0].data == b"all"
 
@@ -160,20 +160,20 @@ async def test_ipv6_and_a_dual_stack_wildcard(sender: socket.socket) -> None:
     with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as six:
         six.bind(("::1", 0))
         own = f"[::1]:{six.getsockname()[1]}"
-        async with open_link(UdpLink(port=port, bind="::1", allow=("::1",))) as link:
+        async with hearing(UdpLink(port=port, bind="::1", allow=("::1",))) as link:
             six.sendto(b"six", ("::1", port))
             (chunk,) = await take(link, 1)
         assert chunk.source == own
-    async with open_link(UdpLink(port=port, bind="::", allow=("127.0.0.1",))) as link:
+    async with hearing(UdpLink(port=port, bind="::", allow=("127.0.0.1",))) as link:
         sender.sendto(b"four", ("127.0.0.1", port))
         assert (await take(link, 1))[0].data == b"four"
 
 
 async def test_a_taken_port_is_one_clear_line() -> None:
     port = free_port()
-    async with open_link(UdpLink(port=port)):
+    async with hearing(UdpLink(port=port)):
         with pytest.raises(LinkError) as lost:
-            async with open_link(UdpLink(port=port)):
+            async with hearing(UdpLink(port=port)):
                 pass
     assert str(lost.value) == f"udp 127.0.0.1:{port}: address already in use"
 
@@ -188,14 +188,14 @@ async def test_a_taken_port_is_one_clear_line() -> None:
 )
 async def test_unusable_addresses_are_one_clear_line(settings: UdpLink, line: str) -> None:
     with pytest.raises(LinkError, match=f"^udp .*:7001: .*{line}"):
-        async with open_link(settings):
+        async with hearing(settings):
             pass
 
 
 async def test_kernel_drops_are_counted_exactly(sender: socket.socket) -> None:
     port = free_port()
     counts = LinkCounts()
-    async with open_link(UdpLink(port=port), counts) as link:
+    async with hearing(UdpLink(port=port), counts) as link:
         dropped = []
         for _ in range(2):
             for _ in range(20_000):  # more than any receive buffer holds; the loop does not run
@@ -218,19 +218,6 @@ async def drained(counts: LinkCounts) -> None:
             await asyncio.sleep(0)
 
 
-async def test_a_slow_reader_loses_the_oldest_and_it_is_counted() -> None:
-    counts = LinkCounts()
-    link = Link("udp test", counts, limit=10 * (100 + CHUNK_OVERHEAD))
-    for n in range(25):
-        link.put(Chunk(bytes([n]) * 100, n, ""))
-    link.lose("over")
-    assert [(await anext(link)).t_rx_ns for _ in range(10)] == list(range(15, 25))
-    with pytest.raises(LinkError, match=r"^udp test: over$"):
-        await anext(link)
-    assert (counts.chunks, counts.bytes) == (25, 2500)
-    assert (counts.dropped_chunks, counts.dropped_bytes) == (15, 1500)
-
-
 def test_addresses_that_make_no_sense_are_named() -> None:
     settings = UdpLink(port=7001, allow=("10.0.0.0/8", "fd00::1", "10.0.0.300"), group="10.1.1.1")
     assert list(address_faults(settings)) == [
@@ -238,3 +225,16 @@ def test_addresses_that_make_no_sense_are_named() -> None:
         ("group", 'expected a multicast address, got "10.1.1.1"'),
     ]
     assert not list(address_faults(UdpLink(port=7001, group="ff15::1", allow=("::/0",))))
+
+
+async def test_what_fails_in_the_taker_is_not_swallowed(sender: socket.socket) -> None:
+    port = free_port()
+    asyncio.get_running_loop().set_exception_handler(lambda _loop, _context: None)  # it is said too
+
+    def fail(chunk: Chunk) -> None:
+        raise ValueError(chunk.data.decode())
+
+    async with open_link(UdpLink(port=port), fail) as link:
+        sender.sendto(b"a bug", ("127.0.0.1", port))
+        with pytest.raises(ValueError, match="a bug"):
+            await asyncio.wait_for(link.lost(), 5)

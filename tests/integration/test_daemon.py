@@ -74,7 +74,7 @@ def bind(kind: socket.SocketKind, port: int) -> None:
 
 
 async def open_once(link: dict[str, Any]) -> None:
-    async with open_serial(SerialLink(link["port"], link["baud"]), LinkCounts()):
+    async with open_serial(SerialLink(link["port"], link["baud"]), print, LinkCounts()):
         pass
 
 
