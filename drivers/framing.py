@@ -62,6 +62,7 @@ class FrameBuffer:
         """The next `length` bytes are `records`."""
         if self._junk:
             self.flush()
+        self._reason = "unknown"
         self._drop(length)
         self._found += records
 
@@ -72,13 +73,18 @@ class FrameBuffer:
         self.extend(length)
 
     def extend(self, length: int) -> None:
-        """The next `length` bytes are junk and join the run; alone their reason is unknown."""
+        """The next `length` bytes are junk and join the run; alone their reason is unknown.
+
+        A long run becomes several records of one reason.
+        """
         while length:
             step = min(length, JUNK_MAX - self._junk)
             self._junk += step
             length -= step
             if self._junk == JUNK_MAX:
+                reason = self._reason
                 self.flush()
+                self._reason = reason
 
     def flush(self) -> None:
         """End the run of junk."""
@@ -222,7 +228,7 @@ class LineDecoder:
     ) -> None:
         self._decode = decode
         self._starts = starts
-        self._longest = min(longest, JUNK_MAX)
+        self._longest = longest
         self._shortest = shortest
         self._torn = False
         self._buffer = FrameBuffer()

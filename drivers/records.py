@@ -18,6 +18,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 Vec3 = tuple[float, float, float]
+Axes = Literal["sensor", "level", "north"]
 Reason = Literal["checksum", "length", "syntax", "range", "unknown"]
 
 
@@ -172,7 +173,7 @@ class DvlRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="dv
     """
 
     velocity_m_s: Vec3 | None = None
-    axes: Literal["sensor", "level", "north"] = "sensor"
+    axes: Axes = "sensor"
     t_device_s: float | None = None
     valid: bool = True
     error_code: str | None = None

@@ -22,9 +22,13 @@ CODECS: dict[str, str] = {
     "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
+    "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "nmea-heading": "drivers.heading.nmea:NMEA_HEADING",
     "nmea-depth": "drivers.depth.nmea:NMEA_DEPTH",
+    "pd0": "drivers.dvl.pd0:PD0",
+    "pd6": "drivers.dvl.pd6:PD6",
+    "waterlinked-dvl": "drivers.dvl.waterlinked:WATERLINKED",
     "paroscientific": "drivers.depth.paroscientific:PAROSCIENTIFIC",
     "nmea0183": "drivers.nmea0183:NMEA0183",
 }

@@ -9,7 +9,13 @@ import msgspec
 
 from drivers import registry
 from drivers.codec import Decoder
-from drivers.records import NmeaSentence, Record, Rejected, UsblRecord
+from drivers.records import (
+    NmeaSentence,
+    Record,
+    Rejected,
+    UsblRecord,
+)
+from tests.drivers.aiding_frames import AIDING, AIDING_STRONG
 from tests.drivers.imu_frames import IMU
 
 
@@ -54,44 +60,14 @@ def _gnss() -> list[bytes]:
     ]
 
 
-def _heading() -> list[bytes]:
-    return [
-        b"$HEHDT,116.581,T*25\r\n",
-        b"$PRDID,-4.44,2.12,154.25*56\r\n",
-        b"$HCHDG,101.1,,,7.1,W*3C\r\n",
-        b"$PASHR,085335.00,224.19,T,-01.26,+00.83,+00.00,0.101,0.113,0.267,1,0*36\r\n",
-        b"$IIHDM,201.5,M*24\r\n",
-    ]
-
-
-def _depth() -> list[bytes]:
-    return [
-        b"$SDDPT,14.39,0.00*68\r\n",
-        b"$SDDPT,10.1,-1.5,*62\r\n",
-        b"$SDDBT,7.8,f,2.4,M,1.3,F*0D\r\n",
-        b"$INDPT,2.3,0.0*46\r\n",
-    ]
-
-
-def _paroscientific() -> list[bytes]:
-    return [
-        b"*000114.6959494\r\n",
-        b"*0001114.6190\r\n",
-        b"*0001UN=1\r\n",
-        b"*0002998.25\r\n",
-    ]
-
-
-STRONG = frozenset(IMU) | {"nmea0183", "nmea-gnss", "nmea-heading", "nmea-depth"}
+STRONG = frozenset(IMU) | AIDING_STRONG | {"nmea0183", "nmea-gnss"}
 """Codecs whose check finds every single flipped bit."""
 
 FRAMES: dict[str, list[bytes]] = {
     **IMU,
+    **AIDING,
     "nmea0183": _nmea(),
     "nmea-gnss": _gnss(),
-    "nmea-heading": _heading(),
-    "nmea-depth": _depth(),
-    "paroscientific": _paroscientific(),
     **{
         name: _usbl(name)
         for name in ("tracklink-lxt", "tracklink-tp2", "tracklink-gll", "tracklink-log")

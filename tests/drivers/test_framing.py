@@ -207,3 +207,26 @@ def test_buffer_remembers_no_chunk_it_does_not_need() -> None:
     assert len(buffer) == 0
     assert len(buffer.take()) == 1000
     assert not buffer._chunks
+
+
+def test_a_long_run_of_junk_keeps_its_reason():
+    buffer = FrameBuffer()
+    buffer.push(bytes(2 * JUNK_MAX + 20), 0)
+    buffer.begin(10, "length")
+    buffer.extend(2 * JUNK_MAX - 10)
+    buffer.accept(5, ())
+    buffer.extend(15)
+    buffer.flush()
+    pieces = [(record.reason, len(record.data)) for record in buffer.take()]
+    assert pieces == [("length", JUNK_MAX), ("length", JUNK_MAX), ("unknown", 15)]
+
+
+def test_a_line_may_be_longer_than_a_run_of_junk():
+    (record,) = lines(longest=3000).feed(b"ok" + b"x" * 2500 + b"\n", 0)
+    assert (type(record), record.line_bytes) == (NmeaSentence, 2503)
+    found = lines(longest=3000).feed(b"x" * 2500 + b"\n", 0)
+    assert [(r.reason, len(r.data)) for r in found] == [
+        ("syntax", JUNK_MAX),
+        ("syntax", JUNK_MAX),
+        ("syntax", 2501 - 2 * JUNK_MAX),
+    ]
