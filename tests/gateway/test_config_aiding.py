@@ -1,16 +1,19 @@
 """Blocks of devices that aid: what must stand in them, and what they may not have together."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from gateway.config import DepthDevice, DvlDevice, HeadingDevice, LblDevice, load
 from gateway.fusion import initial
 from gateway.fusion.state import DKD, LEVER
 from gateway.nav.attitude import C_from_euler
 from tests.gateway.test_config import GONE, edited, faults_of, written
+from tests.shared_data import ROOT
 
 UDP = {"type": "udp", "port": 7010}
 DEPTH = {
@@ -65,6 +68,16 @@ def test_every_kind_has_its_place_in_the_filter(tmp_path: Path) -> None:
     np.testing.assert_allclose(model.mounts["gyro0"].C_bs, C_from_euler(0, 0, np.radians(-2)))
     assert model.arrays["lbl0"].sigma[2] == 1.5
     np.testing.assert_array_equal(model.arrays["lbl0"].geometry.lever_b, [0, 1, 2])
+
+
+def test_the_blocks_of_the_docs_are_sound(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "devices.md").read_text()
+    (printed,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    blocks = yaml.safe_load(printed)
+    beacons = {**blocks["beacons"], "B": blocks["beacons"]["A"], "C": blocks["beacons"]["A"]}
+    edits = [*given(**blocks["devices"]), ("beacons", beacons)]
+    config = load(written(tmp_path, edited(*edits)))
+    assert {"depth0", "dvl0", "gyro0", "lbl0"} <= set(config.devices)
 
 
 def test_one_scale_of_two_acoustic_devices_is_as_wide_as_the_wider(tmp_path: Path) -> None:
