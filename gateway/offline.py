@@ -5,6 +5,7 @@ Pure, like the estimator: no files, no clock.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from gateway.messages import (
 )
 from gateway.modes import Mode
 from gateway.nav import strapdown
+from gateway.progress import Tell, nobody
 
 Array = NDArray[np.float64]
 
@@ -120,9 +122,12 @@ class SmoothedPass:
     ----------
     config, rate_hz
         As those of `gateway.estimator.Estimator`.
+    tell
+        Is told how far it is with filtering, smoothing and giving out.
     """
 
-    def __init__(self, config: Config, rate_hz: float) -> None:
+    def __init__(self, config: Config, rate_hz: float, tell: Tell = nobody) -> None:
+        self._tell = tell
         self._max_age_ns = config.filter.max_fix_age_s * 1e9
         self._measurements: list[Measurement] = []
         self._stretches: list[_Stretch] = []
@@ -136,7 +141,8 @@ class SmoothedPass:
 
     def finish(self) -> Iterator[FilterOutput]:
         """Run forward and back, and give everything in the order of time."""
-        for measurement in sorted(self._measurements, key=_moment):
+        for n, measurement in enumerate(sorted(self._measurements, key=_moment), 1):
+            self._tell("filtering", n / len(self._measurements))
             for output in self._estimator.feed(measurement):
                 if not self._stretches:
                     yield output  # no filter yet: nothing to smooth
@@ -145,7 +151,7 @@ class SmoothedPass:
                     stretch.epochs.append((stretch.engine.consumed, output))
         for stretch in self._stretches:
             stretch.engine.close()
-            stretch.states = smooth(stretch.engine)
+            stretch.states = smooth(stretch.engine, partial(self._tell, "smoothing"))
         used_ns = np.array(self._located())
         for stretch in self._stretches:
             yield from self._outputs(stretch, used_ns)
@@ -175,7 +181,8 @@ class SmoothedPass:
         end = stretch.engine.knots[-1].position
         within = [at for at, output in stretch.epochs if _is_of_state(output) and 0 < at <= end]
         states = iter(between(stretch.engine, stretch.states, within))
-        for at, output in stretch.epochs:
+        for n, (at, output) in enumerate(stretch.epochs, 1):
+            self._tell("writing", n / len(stretch.epochs))
             if not (_is_of_state(output) and 0 < at <= end):  # aligning, or no longer sound
                 yield output
                 continue

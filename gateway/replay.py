@@ -27,6 +27,7 @@ from gateway.messages import (
 from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
+from gateway.progress import Tell, nobody
 
 CHUNKS_PER_BLOCK = 64
 """IMU chunks gathered for one call of the filter, where no fix comes between; the result does not
@@ -46,6 +47,7 @@ def run(
     origin: str = "auto",
     filters: Sequence[str] = (),
     smooth: bool = False,
+    tell: Tell = nobody,
 ) -> dict[str, Any]:
     """Replay captures into the files of `out`; give the summary that is written there.
 
@@ -57,6 +59,8 @@ def run(
         ``{"filters": {name: summary}}``; with none, the configured one runs.
     smooth
         Whether every solution is made from all measurements, the later ones too.
+    tell
+        Is told how far it is.
 
     Raises
     ------
@@ -69,6 +73,7 @@ def run(
     counts = CaptureCounts()
     links = {name: device.link for name, device in config.devices.items()}
     traffic = _Traffic(read_streams(captures, links, counts))
+    stored = sum(map(_size, captures))
     with ExitStack() as stack:
         runs = {
             name: _Run(
@@ -76,12 +81,14 @@ def run(
                 stack.enter_context(ReplayFiles(out / name if len(filters) > 1 else out)),
                 rate_hz,
                 smooth,
+                _named(tell, name) if len(filters) > 1 else tell,
             )
             for name in filters or (config.filter.error,)
         }
         for measurement in _measurements(traffic, devices):
             for one in runs.values():
                 one.take(measurement)
+            tell("reading" if smooth else "replaying", counts.file_bytes / stored)
         common = {
             "devices": {name: _device(intake) for name, intake in devices.items()},
             "capture": msgspec.to_builtins(counts),
@@ -104,13 +111,28 @@ def chosen(config: Config, name: str) -> Config:
     return msgspec.structs.replace(config, filter=block)
 
 
+def _size(capture: Path) -> float:
+    """Bytes of a file; of a pipe, or what cannot be read, there is no telling."""
+    try:
+        return capture.stat().st_size or math.inf
+    except OSError:
+        return math.inf
+
+
+def _named(tell: Tell, name: str) -> Tell:
+    """Tell of several filters, each by its name."""
+    return lambda what, share: tell(f"{name}, {what}", share)
+
+
 class _Run:
     """One filter on the traffic, the files it fills and what it amounts to."""
 
-    def __init__(self, config: Config, files: ReplayFiles, rate_hz: float, smooth: bool) -> None:
+    def __init__(
+        self, config: Config, files: ReplayFiles, rate_hz: float, smooth: bool, tell: Tell
+    ) -> None:
         self._config = config
         self._files = files
-        self._pass = (SmoothedPass if smooth else ForwardPass)(config, rate_hz)
+        self._pass = SmoothedPass(config, rate_hz, tell) if smooth else ForwardPass(config, rate_hz)
         self._smooth = smooth
         self._calibration: Calibration | None = None
         self._solution: NavSolution | None = None

@@ -1,9 +1,9 @@
 """A capture file as blocks of bytes, gunzipped on the way, with errors that name the place."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import NamedTuple, Self
 
 BLOCK_BYTES = 1024 * 1024
 MAX_PACKET = 16 * 1024 * 1024
@@ -38,29 +38,42 @@ class Packet(NamedTuple):
 class Source:
     """The bytes of one file, read ahead in large blocks.
 
+    Parameters
+    ----------
+    told
+        Is told how many bytes of the file, as it is stored, each of its reads gave.
+
     Attributes
     ----------
     good
         Packets that were read whole; the reader keeps it for the error message.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, told: Callable[[int], object] | None = None) -> None:
         self.good = 0
+        self._told = told
         self._path = path
         self._read = 0
         try:
             self._file = path.open("rb", buffering=0)
-            magic = self._file.read(len(_GZIP_MAGIC)) or b""
+            magic = self._take(len(_GZIP_MAGIC))
         except OSError as error:
             raise CaptureError(f"{path}: {(error.strerror or str(error)).lower()}") from error
         self._packed = magic == _GZIP_MAGIC
-        self._blocks = _gunzip(self._file, magic) if self._packed else _plain(self._file, magic)
+        self._blocks = (_gunzip if self._packed else _plain)(self._take, magic)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+
+    def _take(self, count: int = BLOCK_BYTES) -> bytes:
+        """Next bytes of the file as it is stored; none at its end."""
+        block = self._file.read(count) or b""
+        if self._told is not None:
+            self._told(len(block))
+        return block
 
     def more(self, rest: bytes) -> bytes | None:
         """`rest` with new bytes behind it; None at the end of the file.
@@ -101,23 +114,23 @@ class Source:
         return CaptureError(f"{self._path}: {how} at {place}, after {packets}")
 
 
-def _plain(file: BinaryIO, start: bytes) -> Iterator[bytes]:
+def _plain(take: Callable[[], bytes], start: bytes) -> Iterator[bytes]:
     if start:
         yield start
-    while block := file.read(BLOCK_BYTES):
+    while block := take():
         yield block
 
 
-def _gunzip(file: BinaryIO, packed: bytes) -> Iterator[bytes]:
+def _gunzip(take: Callable[[], bytes], packed: bytes) -> Iterator[bytes]:
     """Unpack one gzip member after the other; raises EOFError inside one that ends too soon."""
     while packed:
         inflate = zlib.decompressobj(wbits=_GZIP_WBITS)
         while not inflate.eof:
-            packed = packed or file.read(BLOCK_BYTES)
+            packed = packed or take()
             if not packed:
                 raise EOFError
             block = inflate.decompress(packed, BLOCK_BYTES)
             packed = inflate.unconsumed_tail
             if block:
                 yield block
-        packed = (inflate.unused_data or file.read(BLOCK_BYTES)).lstrip(b"\0")
+        packed = (inflate.unused_data or take()).lstrip(b"\0")

@@ -1,6 +1,6 @@
 """Packets of a capture, whatever its file format."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from drivers.capture import pcapng
@@ -11,8 +11,13 @@ from drivers.capture.pcapng import pcapng_packets
 _MAGIC_BYTES = 4
 
 
-def read_packets(path: Path) -> Iterator[Packet]:
+def read_packets(path: Path, told: Callable[[int], object] | None = None) -> Iterator[Packet]:
     """Packets of a pcap or pcapng file, gzipped or not, one after the other in constant memory.
+
+    Parameters
+    ----------
+    told
+        As `Source` has it: for who wants to know how far the reading is.
 
     Raises
     ------
@@ -20,7 +25,7 @@ def read_packets(path: Path) -> Iterator[Packet]:
         For a file that is absent, empty or no capture; for one cut off or damaged, after the good
         packets before that.
     """
-    with Source(path) as source:
+    with Source(path, told) as source:
         block = b""
         while len(block) < _MAGIC_BYTES:
             longer = source.more(block)

@@ -30,6 +30,8 @@ class CaptureCounts:
     ``packets`` = selected + not_selected + refused + undecodable + fragments.
     """
 
+    file_bytes: int = 0
+    """Read so far of the files as they are stored."""
     packets: int = 0
     selected: int = 0
     not_selected: int = 0
@@ -45,6 +47,10 @@ class CaptureCounts:
     undecodable: Counter[str] = field(default_factory=Counter)
     """By reason."""
     tcp: StreamCounts = field(default_factory=StreamCounts)
+
+    def read(self, size: int) -> None:
+        """Count bytes of a file."""
+        self.file_bytes += size
 
 
 def read_streams(
@@ -78,7 +84,7 @@ def read_streams(
     udp, tcp = _udp_routes(selectors), _tcp_routes(selectors, counts)
     fragments = Fragments()
     try:
-        for t_ns, linktype, frame in _merged(list(paths)):
+        for t_ns, linktype, frame in _merged(list(paths), counts):
             counts.packets += 1
             content = decode(linktype, frame)
             if type(content) is Fragment:
@@ -103,8 +109,8 @@ def read_streams(
     yield from _rest(tcp)
 
 
-def _merged(paths: list[Path]) -> Iterator[Packet]:
-    captures = [read_packets(path) for path in paths]
+def _merged(paths: list[Path], counts: CaptureCounts) -> Iterator[Packet]:
+    captures = [read_packets(path, counts.read) for path in paths]
     if len(captures) == 1:
         return captures[0]
     return heapq.merge(*captures, key=lambda packet: packet.t_ns)

@@ -18,8 +18,10 @@ def run(arguments: Namespace) -> int:
         raise ConfigError([f"{capture}: no such file" for capture in absent])
     from gateway import replay  # after the checks: it takes a second to import
     from gateway.nav.compiled import told_of_compiling
+    from gateway.progress import bars
 
-    with told_of_compiling(lambda: print("compiling the filter, once", file=sys.stderr)):
+    compiling = told_of_compiling(lambda: print("compiling the filter, once", file=sys.stderr))
+    with compiling, bars() as tell:
         summary = replay.run(
             arguments.captures,
             config,
@@ -28,6 +30,7 @@ def run(arguments: Namespace) -> int:
             origin=arguments.origin,
             filters=arguments.filters,
             smooth=arguments.smooth,
+            tell=tell,
         )
     if arguments.json:
         print(json.dumps(summary, indent=2))

@@ -8,7 +8,7 @@ Laan, Cohen, Arsenault and Forbes (IEEE RA-L 5(4), 2020).  # (M.100)-(M.107)
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -27,8 +27,18 @@ NOWHERE = np.zeros(3)
 """The additive error asks for no origin."""
 
 
-def smooth(recording: RecordingFilter) -> list[State]:
-    """Smoothed state at each knot of a forward pass that lost its soundness nowhere."""
+def smooth(
+    recording: RecordingFilter, tell: Callable[[float], object] = lambda _share: None
+) -> list[State]:
+    """Smoothed state at each knot of a forward pass that lost its soundness nowhere.
+
+    Parameters
+    ----------
+    recording
+        The forward pass.
+    tell
+        Is told which share of the knots is done.
+    """
     knots, error, origin_e = recording.knots, recording.model.error, recording.origin_e
     last = knots[-1].after
     states = [last]
@@ -37,6 +47,7 @@ def smooth(recording: RecordingFilter) -> list[State]:
     for k in range(len(knots) - 2, -1, -1):
         state, S = _step(knots[k].after, knots[k + 1], states[-1], S, error, origin_e)
         states.append(state)
+        tell(len(states) / len(knots))
     return states[::-1]
 
 

@@ -8,9 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import joblib
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from gateway import progress
 from gateway.errors import UsblnavError
 
 if TYPE_CHECKING:
@@ -40,13 +39,14 @@ class Workers:
     def map(self, run: Callable[..., R], shared: tuple[Any, ...], runs: int, title: str) -> list[R]:
         """Give ``[run(*shared, seed) for seed in range(runs)]``, with a progress bar."""
         calls = (joblib.delayed(run)(*shared, seed) for seed in range(runs))
-        with self._backend(shared), _bar(title, runs) as step, warnings.catch_warnings():
+        with self._backend(shared), progress.bars() as tell, warnings.catch_warnings():
             # A process that has grown is replaced, which loses nothing.
             warnings.filterwarnings("ignore", "A worker stopped while some jobs")
             results = []
+            tell(title, 0.0)
             for result in joblib.Parallel(n_jobs=self.jobs, return_as="generator")(calls):
                 results.append(result)
-                step()
+                tell(title, len(results) / runs)
             return results
 
     def _backend(self, shared: tuple[Any, ...]) -> AbstractContextManager[Any]:
@@ -83,15 +83,3 @@ def _ask_for_us(client: "Client") -> None:
     for worker, fault in client.run(importing, on_error="return").items():
         if fault is not None:
             raise UsblnavError(f"--dask: worker {worker} cannot import usblnav: {fault}") from fault
-
-
-@contextmanager
-def _bar(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar on standard error, where somebody looks at it."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(title, total=total)
-        yield lambda: progress.advance(task)

@@ -137,6 +137,33 @@ def test_a_start_that_finds_its_attitude_is_smoothed_too(sea: Sea, tmp_path: Pat
     assert sea.errors(tmp_path / "out").rms(START + 30.0)["horizontal"] < 0.5
 
 
+@pytest.mark.parametrize(
+    ("smooth", "filters", "stages"),
+    [
+        (False, (), ["replaying"]),
+        (True, (), ["reading", "filtering", "smoothing", "writing"]),
+        (False, ("additive", "loose"), ["replaying"]),
+    ],
+)
+def test_who_waits_is_told_how_far_it_is(
+    sea: Sea, tmp_path: Path, smooth: bool, filters: tuple[str, ...], stages: list[str]
+) -> None:
+    told: dict[str, list[float]] = {}
+    replay.run(
+        [sea.capture],
+        load(sea.config),
+        out=tmp_path,
+        rate_hz=1.0,
+        filters=filters,
+        smooth=smooth,
+        tell=lambda what, share: told.setdefault(what, []).append(share),
+    )
+    assert list(told) == stages
+    for shares in told.values():
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+
+
 def test_smoothing_twice_gives_the_same_bytes(sea: Sea, tmp_path: Path) -> None:
     for name in ("once", "again"):
         sea.replayed(tmp_path / name, "--smooth")
