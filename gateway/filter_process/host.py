@@ -7,6 +7,7 @@ import socket
 import sys
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 
@@ -28,6 +29,8 @@ MAX_WAITING = 20_000
 RETRY_S = (0.0, 0.5, 1.0, 2.0, 5.0)
 END_S = 1.0
 """How long a worker may take to end by itself."""
+DRAIN_S = 0.4
+"""How long it may take over what was sent to it, when it is to end."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,10 +76,13 @@ class FilterHost:
         self._waiting: deque[bytes] = deque()
         self._socket: socket.socket | None = None
         self._blocked = False
+        self._handed_on = asyncio.Event()
+        self._drained: asyncio.Event | None = None
 
     def send(self, measurement: Measurement) -> None:
         """Queue a measurement for the worker; never blocks."""
         self._waiting.append(encode(measurement))
+        self._handed_on.clear()
         self._pump()
         while len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
@@ -92,6 +98,9 @@ class FilterHost:
         while True:
             solved_ns = self._solved_ns()
             how = await self._run_once()
+            if self._drained is not None:
+                self._drained.set()
+                return
             failures = failures + 1 if self._solved_ns() <= solved_ns else 0
             if failures > 1:  # it may be dying of what it is fed
                 self.status.dropped += len(self._sent)
@@ -101,6 +110,19 @@ class FilterHost:
             self.status.restarts += 1
             _log.error("filter process %s; starting it again", how)
             await asyncio.sleep(wait_s)
+
+    async def drain(self) -> None:
+        """Let the worker end with what was sent so far, and hand on what it says to that."""
+        channel = self._socket
+        if channel is None or not self.status.ready:
+            return
+        self._drained = asyncio.Event()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(DRAIN_S):
+                self._pump()
+                await self._handed_on.wait()
+                channel.shutdown(socket.SHUT_WR)
+                await self._drained.wait()
 
     async def _run_once(self) -> str:
         """Run one worker to its end; say how it ended."""
@@ -118,7 +140,9 @@ class FilterHost:
         self.status.pid = process.pid
         try:
             self._attach(ours)
-            return _ending(await process.wait())
+            code = await process.wait()
+            self._read(ours)  # its last words
+            return ending(code)
         finally:
             self._detach(ours)
             await _end(process)
@@ -152,6 +176,7 @@ class FilterHost:
             while self._waiting:
                 self._socket.send(self._waiting[0])
                 self._sent.append(self._waiting.popleft())
+            self._handed_on.set()
         except BlockingIOError:
             self._blocked = True
             asyncio.get_running_loop().add_writer(self._socket, self._unblock, self._socket)
@@ -207,7 +232,7 @@ class FilterHost:
         self._resume = checkpoint
 
 
-def _ending(code: int) -> str:
+def ending(code: int) -> str:
     """How a process ended, in words."""
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
