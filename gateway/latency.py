@@ -55,9 +55,16 @@ class Histogram:
         """Count one duration (ns); a clock that stepped back makes it 0."""
         if duration_ns > self._longest:
             self._longest = duration_ns
-        octave = max(0, duration_ns.bit_length() - FINE_BITS - 1)
-        bucket = (octave << FINE_BITS) + (max(0, duration_ns) >> octave)
-        self._now[min(bucket, BUCKETS - 1)] += 1
+        octave = duration_ns.bit_length() - FINE_BITS - 1
+        if duration_ns < 0:
+            bucket = 0
+        elif octave <= 0:
+            bucket = duration_ns
+        else:
+            bucket = (octave << FINE_BITS) + (duration_ns >> octave)
+            if bucket >= BUCKETS:
+                bucket = BUCKETS - 1
+        self._now[bucket] += 1
 
     def close_slice(self) -> None:
         """Begin a new slice; the oldest one is no longer recent."""
