@@ -212,9 +212,9 @@ class Usage:
         self._looks.append((time.monotonic(), seconds, resident))
 
     def report(self) -> dict[str, Any]:
-        """Share of a core; memory at start and end, and its slope over the last four fifths."""
+        """Share of a core; memory at start and end, and its slope once the history is full."""
         t, seconds, resident = np.array(self._looks).T
-        settled = t >= t[0] + (t[-1] - t[0]) / 5
+        settled = t >= t[0] + min(60.0, (t[-1] - t[0]) / 2)
         slope = np.polyfit(t[settled], resident[settled], 1)[0] * 3600.0
         return {
             "process": self.name,

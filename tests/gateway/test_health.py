@@ -9,7 +9,7 @@ import pytest
 from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
 from gateway.filter_process.host import FilterHost
-from gateway.health import FIRST_S, FLOWING_S, SILENT_S, Health, Line
+from gateway.health import FIRST_S, FLOWING_S, LOSS_OVER_S, SILENT_S, Health, Line
 from gateway.ingest import intakes
 from gateway.modes import Mode
 from gateway.outputs.schema import NavReport, nav_report
@@ -165,3 +165,45 @@ def test_the_report_has_what_became_of_the_bytes(setting: Setting) -> None:
     assert device.silent_s is None
     assert report.filter.restarts == 0
     assert setting.health.line() == "invalid; no solution yet"
+
+
+def test_a_queue_that_overflows_is_said_once_and_its_end_too(
+    setting: Setting, said: Callable[[], list[str]]
+) -> None:
+    for _ in range(3):
+        setting.imu.link.kernel_dropped += 5
+        setting.later(LOSS_OVER_S / 2)
+    setting.health._host.status.dropped = 7
+    setting.later(0.2)
+    assert said() == [
+        "imu0: the system's buffer is full, data is dropped and counted",
+        "filter: the queue is full, data is dropped and counted",
+    ]
+    setting.later(2 * LOSS_OVER_S)
+    assert said() == [
+        "imu0: the system's buffer is no longer full; lost: 15",
+        "filter: the queue is no longer full; lost: 7",
+    ]
+    setting.imu.link.kernel_dropped += 1
+    setting.later(2 * LOSS_OVER_S)
+    assert said() == [
+        "imu0: the system's buffer is full, data is dropped and counted",
+        "imu0: the system's buffer is no longer full; lost: 1",
+    ]
+
+
+def test_the_report_has_the_latencies_of_all_stages(setting: Setting) -> None:
+    passage = setting.health.passage
+    passage.decoded("imu0", 1_000, 51_000)
+    passage.handed_on("imu0", 51_000, 60_000)
+    passage.entered(900, 1_000, 60_000)
+    passage.solved(900, 360_000)
+    passage.published("udp", 400_000)
+    rows = {row.stage: (row.of, row.recent.max_us) for row in setting.health.report().latency}
+    assert rows == {
+        "decode": ("imu0", 50.0),
+        "hand on": ("imu0", 9.0),
+        "filter": ("filter", 300.0),
+        "publish": ("udp", 40.0),
+        "total": ("udp", 399.0),
+    }

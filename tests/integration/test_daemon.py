@@ -270,6 +270,21 @@ async def ask(rig: Rig, *options: str) -> str:
     return said.decode()
 
 
+async def flood(rig: Rig) -> None:
+    """Stop the daemon while more comes in than the system keeps for it; it is said, and counted."""
+    place = ("127.0.0.1", rig.config["devices"]["imu0"]["link"]["port"])
+    rig.process.send_signal(signal.SIGSTOP)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        for _ in range(30_000):
+            line.sendto(b"junk", place)
+    rig.process.send_signal(signal.SIGCONT)
+    await rig.until("the loss", lambda: rig.said("imu0: the system's buffer is full, data is"))
+    await rig.until("its count", lambda: rig.device("imu0")["kernel_dropped"] > 1_000)
+    rig.navs.clear()
+    await rig.until("solutions again", lambda: rig.navs)
+    assert len(rig.said("is full")) == 1
+
+
 async def test_stopped_readers_hold_up_nobody_and_are_counted(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     rig = Rig(tmp_path)
@@ -293,8 +308,9 @@ async def test_stopped_readers_hold_up_nobody_and_are_counted(tmp_path: Path) ->
         await rig.until("more solutions", lambda: len(rig.navs) > asked_at + 10)
         assert rig.is_right()
         assert len(rig.said("does not read")) == 2
-    heard = (await draining).split(b"\r\n")
-    writer.close()
+        writer.close()
+        heard = (await draining).split(b"\r\n")
+        await flood(rig)
     outputs = {output["name"]: output for output in report["outputs"]}
     assert outputs[f"tcp 127.0.0.1:{port}"]["clients_cut_off"] == 1
     assert outputs["zenoh peer"]["clients_stalled"] == 1
