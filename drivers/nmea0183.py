@@ -60,20 +60,20 @@ def parse(line: str, checksum: Checksum = "required") -> tuple[str, str, tuple[s
     return address[:split], address[split:], tuple(fields.split(",")[1:])
 
 
-def sentence(address: str, fields: tuple[str, ...] | list[str]) -> bytes:
+def sentence(address: str, fields: tuple[str, ...] | list[str], longest: int = LENGTH_MAX) -> bytes:
     """Write one sentence with checksum and CR LF.
 
     Raises
     ------
     ValueError
-        If it would be longer than 82 characters, or a field holds a character that is reserved.
+        If it would be longer than `longest` characters, or a field holds a reserved character.
     """
     body = ",".join((address, *fields))
     if any(not part.isascii() or _RESERVED & set(part) for part in (address, *fields)):
         raise ValueError(f"a field of ${body} holds a reserved character")
     line = f"${body}*{xor8(body.encode()):02X}\r\n".encode()
-    if len(line) > LENGTH_MAX:
-        raise ValueError(f"${body} is longer than {LENGTH_MAX} characters")
+    if len(line) > longest:
+        raise ValueError(f"${body} is longer than {longest} characters")
     return line
 
 

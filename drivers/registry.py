@@ -28,6 +28,7 @@ CODECS: dict[str, str] = {
     "nmea-depth": "drivers.depth.nmea:NMEA_DEPTH",
     "pd0": "drivers.dvl.pd0:PD0",
     "pd6": "drivers.dvl.pd6:PD6",
+    "nortek-dvl": "drivers.dvl.nortek:NORTEK",
     "waterlinked-dvl": "drivers.dvl.waterlinked:WATERLINKED",
     "paroscientific": "drivers.depth.paroscientific:PAROSCIENTIFIC",
     "nmea0183": "drivers.nmea0183:NMEA0183",

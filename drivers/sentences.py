@@ -5,7 +5,7 @@ from typing import Any, TypedDict
 
 from drivers.codec import Decoder
 from drivers.framing import LineDecoder, UnreadableError
-from drivers.nmea0183 import Checksum, last_start, parse, sentence
+from drivers.nmea0183 import LENGTH_MAX, Checksum, last_start, parse, sentence
 from drivers.records import NmeaSentence, Record
 
 Fields = tuple[str, ...]
@@ -50,9 +50,11 @@ def table_decoder(readers: Mapping[str, Reader], options: Any, checksum: Checksu
     return LineDecoder(decode, last_start)
 
 
-def written(address: str, fields: Fields | list[str], checksum: Checksum) -> bytes:
+def written(
+    address: str, fields: Fields | list[str], checksum: Checksum, longest: int = LENGTH_MAX
+) -> bytes:
     """Write a sentence, with its checksum unless that is forbidden."""
-    line = sentence(address, fields)
+    line = sentence(address, fields, longest)
     return line[: line.index(b"*")] + b"\r\n" if checksum == "forbidden" else line
 
 

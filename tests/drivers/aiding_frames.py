@@ -3,6 +3,8 @@
 import json
 from typing import Any
 
+from msgspec.structs import replace
+
 from drivers import registry
 from drivers.records import DvlRecord, LblRecord, LblReply
 
@@ -112,6 +114,28 @@ def _waterlinked() -> list[bytes]:
     return [line_of(report) for report in (A50_REPORT, lost, answer, A50_REPORT)]
 
 
+NORTEK = b"1452244916.7508,1.234,-1.234,0.1234,0.1234,0.1234,12.34,23.45,23.45,23.45,23.45"
+"""What a public reader's test prints as the fields of PNORBT7, and PNORBT9's first ones."""
+
+
+def _nortek() -> list[bytes]:
+    made = registry.lookup("nortek-dvl")
+    moving = DvlRecord(
+        t_rx_ns=0,
+        age_s=0.0625,
+        velocity_m_s=(1.5, -0.25, 0.125),
+        t_device_s=1.7e9,
+        altitude_m=12.5,
+        sd_m_s=(0.0625,) * 3,
+    )
+    return [
+        made.encode(moving, made.options()),
+        b"$PNORBT7," + NORTEK + b"*39\r\n",
+        b"$PNORBT9," + NORTEK + b",23.4,1567.8,1.2,12.3,0x000FFFFF*1E\r\n",
+        made.encode(replace(moving, sound_speed_m_s=1490.5), made.options()),
+    ]
+
+
 def _pd6() -> list[bytes]:
     """What the maker of another log prints of it, and Teledyne's own without blanks."""
     return [
@@ -143,7 +167,8 @@ AIDING: dict[str, list[bytes]] = {
     "micromodem": _micromodem(),
     "pd0": _pd0(),
     "pd6": _pd6(),
+    "nortek-dvl": _nortek(),
     "waterlinked-dvl": _waterlinked(),
 }
-AIDING_STRONG = frozenset({"nmea-heading", "nmea-depth", "micromodem", "pd0"})
+AIDING_STRONG = frozenset({"nmea-heading", "nmea-depth", "micromodem", "nortek-dvl", "pd0"})
 """Of these, the codecs whose check finds every single flipped bit."""

@@ -13,6 +13,7 @@ from msgspec import UNSET
 from msgspec.structs import replace
 
 from drivers import registry
+from drivers.nmea0183 import sentence
 from drivers.records import (
     DepthRecord,
     DvlRecord,
@@ -372,7 +373,62 @@ def test_a_report_that_is_written_is_read():
     assert read("waterlinked-dvl", line) == replace(record, line_bytes=len(line))
 
 
-@pytest.mark.parametrize("name", ["pd0", "pd6", "waterlinked-dvl"])
+TAGGED = (
+    "TIME=1452244916.7508",
+    *("DT1=23.961", "DT2=-48.122", "VX=1.5", "VY=-0.25", "VZ=0.125", "FOM=0.004"),
+    *("D1=10.00", "D2=0.00", "D3=12.00", "D4=14.00"),
+)
+HEALTH = ("BATT=23.4", "SS=1567.8", "PRESS=1.2", "TEMP=12.3", "STAT=0x000FFFFF")
+
+
+@pytest.mark.parametrize(
+    ("address", "fields", "sound_speed"),
+    [
+        ("PNORBT6", TAGGED, UNSET),
+        ("PNORBT8", TAGGED + HEALTH, 1567.8),
+        ("PNORBT7", tuple(field.partition("=")[2] for field in TAGGED), UNSET),
+        ("PNORBT9", tuple(field.partition("=")[2] for field in TAGGED + HEALTH), 1567.8),
+    ],
+)
+def test_nortek(address, fields, sound_speed):
+    line = sentence(address, fields, longest=300)
+    assert read("nortek-dvl", line) == DvlRecord(
+        t_rx_ns=7,
+        line_bytes=len(line),
+        age_s=pytest.approx(0.048122),
+        velocity_m_s=(1.5, -0.25, 0.125),
+        t_device_s=1452244916.7508,
+        altitude_m=12.0,
+        sd_m_s=(0.004,) * 3,
+        sound_speed_m_s=sound_speed,
+    )
+
+
+@pytest.mark.parametrize(("place", "value"), [(3, "-32.768"), (5, "-32.76800"), (6, "10.00000")])
+def test_nortek_without_lock(place, value):
+    fields = [field.partition("=")[2] for field in TAGGED]
+    fields[place] = value
+    record = read("nortek-dvl", sentence("PNORBT7", fields, longest=300))
+    assert (record.valid, record.error_code, record.velocity_m_s) == (False, "no_lock", None)
+
+
+@pytest.mark.parametrize(
+    ("address", "fields"),
+    [
+        ("PNORBT7", ("1", "2")),
+        ("PNORBT6", tuple(reversed(TAGGED))),
+        ("PNORBT7", tuple(TAGGED)),
+    ],
+)
+def test_nortek_that_is_none(address, fields):
+    assert read("nortek-dvl", sentence(address, fields, longest=300)).reason == "syntax"
+
+
+def test_nortek_of_the_water_is_as_it_is():
+    assert isinstance(read("nortek-dvl", sentence("PNORWT7", ("1", "2"))), NmeaSentence)
+
+
+@pytest.mark.parametrize("name", ["pd0", "pd6", "waterlinked-dvl", "nortek-dvl"])
 def test_what_cannot_be_written(name):
     codec = registry.lookup(name)
     sentence = NmeaSentence(t_rx_ns=0, talker="SD", formatter="DPT", fields=())

@@ -95,6 +95,7 @@ def tracks(voyage: Voyage, rng: np.random.Generator) -> Iterator[Spoken]:
                 age_s=0.2,
                 t_device_s=1.7e9 + t,
                 altitude_m=35.0,
+                sd_m_s=(0.005, 0.005, 0.005),
             ),
         )
 
@@ -147,6 +148,7 @@ CASES = {
     "nmea-depth": Case(DEPTH | {"options": ON_DEPTH}, depths, ("height", 0.1)),
     "paroscientific": Case(DEPTH | {"options": FATHOMS}, depths, ("height", 0.1)),
     "pd0": Case(DVL, tracks, ("velocity", 0.12)),
+    "nortek-dvl": Case(DVL, tracks, ("velocity", 0.12)),
     "waterlinked-dvl": Case(DVL, tracks, ("velocity", 0.12)),
     "pd6": Case(DVL | {"clock": {"latency_ms": 200.0}}, tracks, ("velocity", 0.12)),
     "nmea-heading": Case(HEADING, headings, ("heading", 0.4)),
