@@ -40,14 +40,15 @@ NEVER = 1 << 62
 """Modulus of a count that does not turn over."""
 
 State = Literal["silent", "warming", "locked"]
-Source = Literal["time", "sequence", "frames", "arrival"]
+Source = Literal["pulse", "time", "sequence", "frames", "arrival"]
 
 
 class ClockReport(msgspec.Struct, frozen=True):
     """What one device's clock says of itself.
 
-    ``source`` is what its times rest on: the ``time`` or the ``sequence`` that frames carry, the
-    ``frames`` counted as they come, or the ``arrival`` of each, whose queueing nobody can tell.
+    ``source`` is what its times rest on: the ``pulse`` of its seconds, the ``time`` or ``sequence``
+    that frames carry, the ``frames`` counted as they come, or the ``arrival`` of each, whose
+    queueing nobody can tell.
     """
 
     source: Source
@@ -134,6 +135,17 @@ class DeviceClock:
             return 0.0
         since_s = (t_arrival_ns - self._origin_ns) * 1e-9 - self._due_s
         return since_s / self._period_s
+
+    def now(self, t_ns: int) -> float | None:
+        """What the device counts at a moment, turns included; None before its first count."""
+        return None if self._silent else self._last + self.expected(t_ns)
+
+    def locate(self, value: int) -> int:
+        """When a count near the newest one was, or will be, true (ns)."""
+        half = self._modulus // 2
+        count = self._last + (value - self._last + half) % self._modulus - half
+        c = (count - self._first) * self._unit_s
+        return self._origin_ns + round((c + self._envelope.height(c) + self._lag_s) * 1e9)
 
     def take(self, chunk: Sequence[tuple[int, int]]) -> list[Tick]:
         """Place the counts that came together.  # (M.60)

@@ -7,6 +7,7 @@ import time
 from contextlib import AsyncExitStack
 
 from drivers.links import Chunk, open_link
+from drivers.links.pps import edges
 from drivers.settings import StdioLink
 from gateway import realtime, systemd
 from gateway.config import Config, NmeaOutput, Output
@@ -84,6 +85,7 @@ class _Daemon:
                 tasks += [group.create_task(self._ready()), group.create_task(self._watch())]
                 tasks += [group.create_task(self._until_ended(feed)) for feed in self._feeds]
                 tasks += [group.create_task(self._read(line)) for line in self._lines]
+                tasks += [group.create_task(self._feel(line)) for line in self._lines]
                 await self._stop.wait()
                 systemd.notify_stopping()
                 for task in tasks:
@@ -108,6 +110,19 @@ class _Daemon:
                     line.lost()
 
         await keep_running(line.name, once)
+
+    async def _feel(self, line: Line) -> None:
+        """Tell a device's intake of the pulses that begin its seconds, where there are any."""
+        pulses = self._config.devices[line.name].clock.pulses
+        if pulses is None:
+            return
+
+        async def once(alive: Alive) -> None:
+            async for t_ns in edges(pulses):
+                alive()
+                line.intake.pulse(t_ns)
+
+        await keep_running(f"{line.name} pulses", once)
 
     def _hand_on(self, line: Line, chunk: Chunk) -> None:
         """Decode a chunk and give the filter what came of it."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from gateway.clock import ClockReport
 from gateway.config import ZenohOutput, load
 from gateway.errors import ConfigError, UsblnavError
 from gateway.health import DeviceReport, HealthReport
@@ -15,6 +16,7 @@ from gateway.outputs.sinks import SinkStatus
 from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask
 
 DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
+CLOCK = ("time of", "by its", "state", "drift ppm", "sigma ms", "jitter ms", "resets", "untimed")
 OUTPUT = ("output", "up", "sent", "dropped", "clients", "stalled", "cut off", "error")
 STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max ever")
 
@@ -58,6 +60,8 @@ def lines(report: HealthReport) -> Iterator[str]:
     yield ""
     yield from _table(DEVICE, (_device(name, d) for name, d in report.devices.items()))
     yield ""
+    yield from _table(CLOCK, (_clock(name, d.clock) for name, d in report.devices.items()))
+    yield ""
     yield from _table(OUTPUT, map(_output, report.outputs))
     yield ""
     yield from _table(STAGE, map(_stage, report.latency))
@@ -86,6 +90,12 @@ def _device(name: str, device: DeviceReport) -> list[str]:
     rejected = sum(device.rejected.values()) + sum(device.ignored.values())
     counts = (device.bytes, device.records, rejected, device.gaps, device.kernel_dropped)
     return [name, device.codec, silent, *map(str, counts)]
+
+
+def _clock(name: str, clock: ClockReport) -> list[str]:
+    numbers = (clock.drift_ppm, clock.sigma_ms, clock.jitter_ms)
+    shown = ["-" if number is None else f"{number:.3f}" for number in numbers]
+    return [name, clock.source, clock.state or "-", *shown, str(clock.resets), str(clock.untimed)]
 
 
 def _output(output: SinkStatus) -> list[str]:

@@ -43,6 +43,8 @@ class Clock(_Block, frozen=True):
 
     source: Literal["arrival", "device", "pps"] = "arrival"
     latency_ms: NonNegative = 0.0
+    pulses: str | None = None
+    """The file in which the kernel tells the edges of a pulse per second."""
 
 
 class ImuNoise(_Block, frozen=True):

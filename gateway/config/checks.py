@@ -241,7 +241,7 @@ def _clock_sources(config: Config) -> Iterator[str]:
         if not known(device.clock) or not known(device.codec) or device.kind == "imu":
             continue
         path = f"devices.{name}.clock.source"
-        if device.clock.source == "device" and device.codec in registry.names():
+        if device.clock.source != "arrival" and device.codec in registry.names():
             with suppress(registry.CodecImportError):
                 step_s = registry.lookup(device.codec).counting.time_step_s
                 if step_s is None:
@@ -250,10 +250,18 @@ def _clock_sources(config: Config) -> Iterator[str]:
                     yield f"{path}: {device.codec} tells its time to {step_s:g} s only; use arrival"
 
 
-def _not_yet(config: Config) -> Iterator[str]:
+def _pulses(config: Config) -> Iterator[str]:
     for name, device in _readable(config).items():
-        if known(device.clock) and device.clock.source == "pps":
-            yield f"devices.{name}.clock.source: pps is not available yet"
+        if not known(device.clock) or not known(device.clock.source, device.clock.pulses):
+            continue
+        path, clock = f"devices.{name}.clock", device.clock
+        if clock.source != "pps":
+            if clock.pulses is not None:
+                yield f"{path}.pulses: only with source: pps"
+        elif device.kind != "gnss":
+            yield f"{path}.source: pps is for devices of kind gnss; the pulse of no other is read"
+        elif clock.pulses is None:
+            yield f"{path}.pulses: missing; such as /sys/class/pps/pps0/assert"
 
 
 _CHECKS = (
@@ -268,5 +276,5 @@ _CHECKS = (
     _collisions,
     _addresses,
     _zenoh,
-    _not_yet,
+    _pulses,
 )

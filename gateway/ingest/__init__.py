@@ -50,6 +50,10 @@ class Ingest(Protocol):
         """Give the measurements gathered since the last call."""
         ...
 
+    def pulse(self, t_ns: int) -> None:
+        """Take the moment at which a second of the device began."""
+        ...
+
     def clock_report(self) -> ClockReport:
         """How the device's measurements are placed in time."""
         ...
@@ -80,6 +84,10 @@ class Intake:
     def flush(self) -> list[Measurement]:
         """Give the measurements gathered since the last call."""
         return self._ingest.flush()
+
+    def pulse(self, t_ns: int) -> None:
+        """Take one edge of the device's pulse per second, by the host's monotonic clock."""
+        self._ingest.pulse(t_ns)
 
     def clock_report(self) -> ClockReport:
         """How the device's measurements are placed in time, and how surely."""

@@ -9,10 +9,10 @@ from drivers.records import Measured, Record, Rejected
 from drivers.settings import SerialLink
 from gateway.clock import ClockReport, DeviceClock
 from gateway.config import Device
+from gateway.pulse import DAY_MS, PulsedClock
 
 BITS_PER_BYTE = 10
 """8N1 on a serial line."""
-DAY_MS = 86_400_000
 UNORDERED_S = 1.0
 """How far behind the newest the time of a sentence may be, for not all are sent in their order."""
 
@@ -39,18 +39,24 @@ class DeviceIngest:
         self.counts = DeviceCounts()
         self._latency_ns = round(device.clock.latency_ms * 1e6)
         self._byte_ns = BITS_PER_BYTE * 1e9 / link.baud if isinstance(link, SerialLink) else 0.0
-        self._wants_device_time = device.clock.source == "device"
-        self._day = DeviceClock(1e-3, DAY_MS, UNORDERED_S) if self._wants_device_time else None
+        self._wants_device_time = device.clock.source != "arrival"
+        told = DeviceClock(1e-3, DAY_MS, UNORDERED_S)
+        self._day = PulsedClock(told) if self._wants_device_time else None
         self._untimed = 0
 
     def end_of_chunk(self) -> None:
         """Nothing more came with the records taken so far."""
 
+    def pulse(self, t_ns: int) -> None:
+        """Take the moment at which a second of the device began."""
+        if self._day is not None:
+            self._day.pulse(t_ns)
+
     def clock_report(self) -> ClockReport:
         """How the device's measurements are placed in time."""
         if self._day is None:
             return ClockReport("arrival", None)
-        return self._day.report("time", self._untimed)
+        return self._day.report(self._untimed)
 
     def _count(self, record: Record | Rejected) -> bool:
         """Count a record; False for rejected bytes."""
@@ -78,5 +84,4 @@ class DeviceIngest:
         if t_device_s is None:
             self._untimed += 1
             return t_arrival_ns
-        (tick,) = self._day.take([(round(1e3 * t_device_s), t_arrival_ns)])
-        return tick.t_ns
+        return self._day.take(round(1e3 * t_device_s), t_arrival_ns).t_ns
