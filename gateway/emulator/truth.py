@@ -7,22 +7,23 @@ import numpy as np
 
 from gateway.emulator.trajectory import Trajectory
 
-COLUMNS = (
-    "t_s",
-    "lat_deg",
-    "lon_deg",
-    "height_m",
-    "vn_m_s",
-    "ve_m_s",
-    "vd_m_s",
-    "roll_deg",
-    "pitch_deg",
-    "heading_deg",
-)
-"""As in ``nav.csv``; ``t_s`` is Unix time."""
-
 _ROW = "{:.6f},{:.12f},{:.12f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}\n"
 _BLOCK_S = 1.0
+
+
+class TruthRow(NamedTuple):
+    """One row of the file, with the columns of ``nav.csv``; ``t_s`` is Unix time."""
+
+    t_s: float
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    vn_m_s: float
+    ve_m_s: float
+    vd_m_s: float
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
 
 
 class TruthWriter:
@@ -36,7 +37,7 @@ class TruthWriter:
         self._start = start_unix_s
         self._rate = rate_hz
         self._rows = 0
-        file.write(",".join(COLUMNS) + "\n")
+        file.write(",".join(TruthRow._fields) + "\n")
 
     def write_until(self, t: float) -> None:
         """Make sure the file holds the truth to ``t`` (s after the start) and a little beyond."""
@@ -53,21 +54,6 @@ class TruthWriter:
         self._rows = until
 
 
-class TruthRow(NamedTuple):
-    """One row of the file."""
-
-    t_s: float
-    lat_deg: float
-    lon_deg: float
-    height_m: float
-    vn_m_s: float
-    ve_m_s: float
-    vd_m_s: float
-    roll_deg: float
-    pitch_deg: float
-    heading_deg: float
-
-
 class TruthFile:
     """Reads a truth file that may still be growing, and interpolates it."""
 
@@ -75,7 +61,7 @@ class TruthFile:
         self._path = path
         self._read = 0
         self._rest = ""
-        self._table = np.empty((0, len(COLUMNS)))
+        self._table = np.empty((0, len(TruthRow._fields)))
 
     def at(self, t_s: float) -> TruthRow | None:
         """Truth at a Unix time, linear between rows; None outside what the file holds so far."""

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pynmeagps import NMEAMessage, NMEAReader
 
-from gateway.messages import NavSolution
 from gateway.modes import Mode
 from gateway.outputs import nmea
 from gateway.outputs.schema import NavReport, nav_report
+from tests.gateway.solutions import solution
 
 ALL = ("GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV")
 NOON_NS = 1_700_049_600_000_000_000  # 2023-11-15 12:00:00 UTC
@@ -20,25 +20,7 @@ USABLE = (Mode.AIDED, Mode.DEAD_RECKONING, Mode.ALIGNING)
 
 
 def report(**changes: object) -> NavReport:
-    solution = NavSolution(
-        t_ns=0,
-        mode=Mode.AIDED,
-        lat=math.radians(39.8),
-        lon=math.radians(116.2),
-        h=-50.25,
-        v_eb_n=(3.0, -0.5, 0.25),
-        roll=math.radians(-1.5),
-        pitch=math.radians(2.5),
-        heading=math.radians(350.0),
-        sd_position=(0.3, 0.4, 0.5),
-        sd_velocity=(0.01, 0.02, 0.03),
-        sd_attitude=(math.radians(0.1), math.radians(0.2), math.radians(0.3)),
-        cov_ne=0.05,
-        fix_age_s=1.5,
-        fixes_used=12,
-        fixes_rejected=3,
-    )
-    return msgspec.structs.replace(nav_report(solution, NOON_NS), **changes)
+    return msgspec.structs.replace(nav_report(solution(t_ns=0), NOON_NS), **changes)
 
 
 def write(nav: NavReport | None, *sentences: str, utc_ns: int = NOON_NS) -> dict[str, list[str]]:
