@@ -61,4 +61,6 @@ def _default(field: inspect.Field) -> str:
     default = field.default if field.default is not NODEFAULT else field.default_factory()
     if isinstance(default, str):
         return f"default {default}"
+    if isinstance(default, tuple):
+        return f"default [{', '.join(map(str, default))}]"
     return f"default {shown(default)}"

@@ -2,10 +2,12 @@
 
 import math
 
+from msgspec import UNSET
+
 from drivers.records import GnssRecord, Measured, Record, Rejected, TimeRecord
 from gateway.config import GnssDevice
 from gateway.ingest.device import DeviceIngest
-from gateway.messages import Measurement, PositionFix, VelocityFix
+from gateway.messages import Measurement, PositionFix, Vec3, VelocityFix
 
 EPOCH_NS = 1_000_000_000
 """Sentences of the same second of the day are of one epoch if they come within this."""
@@ -80,8 +82,16 @@ class GnssIngest(DeviceIngest):
             return
         lat, lon = math.radians(record.lat_deg), math.radians(record.lon_deg)
         self._fixes.append(
-            PositionFix(t_ns, self._name, lat, lon, record.height_m, self._sd_position)
+            PositionFix(t_ns, self._name, lat, lon, record.height_m, self._sd_of(record))
         )
+
+    def _sd_of(self, record: GnssRecord) -> Vec3:
+        """As configured, or as the receiver tells where that is worse."""
+        a, b, c = self._sd_position
+        if record.sd_m is UNSET:
+            return a, b, c
+        north, east, down = record.sd_m
+        return max(a, north), max(b, east), max(c, down)
 
     def _take_velocity(self, record: GnssRecord, t_ns: int) -> None:
         """A receiver at rest may leave the course empty: then there is no direction."""

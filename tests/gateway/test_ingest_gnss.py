@@ -58,6 +58,13 @@ def test_an_age_that_the_receiver_tells_comes_off_as_well():
     assert place.t_ns == T0 - 350_000_000
 
 
+def test_a_receiver_may_say_that_it_is_worse_but_not_that_it_is_better():
+    ingest = receiver()
+    ingest.take(gga(sentence=None, sd_m=(9.0, 0.1, 4.5)))
+    (place,) = ingest.flush()
+    assert place.sd == (9.0, 2.5, 4.5)
+
+
 def test_a_height_that_is_not_known_stays_unknown():
     ingest = receiver()
     ingest.take(gga(height_m=None))
