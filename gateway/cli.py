@@ -118,6 +118,11 @@ def _add_run(commands: Any) -> None:
         choices=["-"],
         help="also write NMEA 0183 to standard output, to pipe it to anything",
     )
+    parser.add_argument(
+        "--cold",
+        action="store_true",
+        help="begin with the configured position, whatever the state file says",
+    )
 
 
 def _add_status(commands: Any) -> None:

@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack
 from drivers.links import Chunk, open_link
 from drivers.links.pps import edges
 from drivers.settings import StdioLink
-from gateway import realtime, systemd
+from gateway import bootclock, realtime, statefile, systemd
 from gateway.config import Config, NmeaOutput, Output
 from gateway.filter_process.host import FilterHost
 from gateway.health import Health, Line
@@ -22,6 +22,7 @@ from gateway.messages import (
     ImuBlock,
     Innovation,
     NavSolution,
+    SavedState,
 )
 from gateway.outputs.feeds import Feed, open_feed
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
@@ -33,7 +34,7 @@ HEALTH_PERIOD_S = 1.0
 _log = logging.getLogger(__name__)
 
 
-def run(config: Config, *, nmea_stdout: bool = False) -> None:
+def run(config: Config, *, nmea_stdout: bool = False, cold: bool = False) -> None:
     """Run until SIGTERM or SIGINT, or until the reader of standard output is gone.
 
     Parameters
@@ -42,18 +43,20 @@ def run(config: Config, *, nmea_stdout: bool = False) -> None:
         A validated configuration.
     nmea_stdout
         Add an output of NMEA 0183 on standard output.
+    cold
+        Do not go on from the state file.
     """
     open_journal()
     outputs = list(config.outputs)
     if nmea_stdout:
         outputs.append(NmeaOutput(link=StdioLink()))
-    asyncio.run(_Daemon(config, outputs).run())
+    asyncio.run(_Daemon(config, outputs, cold).run())
 
 
 class _Daemon:
     """The object graph of one run."""
 
-    def __init__(self, config: Config, outputs: list[Output]) -> None:
+    def __init__(self, config: Config, outputs: list[Output], cold: bool) -> None:
         self._config = config
         self._outputs = outputs
         self._stop = asyncio.Event()
@@ -65,8 +68,11 @@ class _Daemon:
             for name, device in config.devices.items()
         ]
         rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])
-        self._host = FilterHost(config, rate_hz, self._on_output)
-        self._health = Health(config.vehicle, self._lines, self._host, self._feeds)
+        path = statefile.place(config.state)
+        resume = None if cold or path is None else statefile.resume(path, config, bootclock.now())
+        self._keeper = None if path is None else statefile.Keeper(path, config)
+        self._host = FilterHost(config, rate_hz, self._on_output, resume)
+        self._health = Health(config.vehicle, self._lines, self._host, self._feeds, self._keeper)
 
     async def run(self) -> None:
         """Everything, until told to stop."""
@@ -77,6 +83,8 @@ class _Daemon:
         for complaint in complaints:
             _log.warning("%s", complaint)
         async with AsyncExitStack() as stack:
+            if self._keeper is not None:
+                stack.callback(self._keeper.close)
             for output in self._outputs:
                 feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
                 self._feeds.append(feed)
@@ -159,6 +167,8 @@ class _Daemon:
                 feed.calibration(calibration)
         elif isinstance(output, FilterCounts):
             self._health.totals = output
+        elif isinstance(output, SavedState) and self._keeper is not None:
+            self._keeper.keep(output)
 
     async def _until_ended(self, feed: Feed) -> None:
         """Stop the daemon when an output has lost its reader for good."""

@@ -16,6 +16,7 @@ from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
+from gateway.fusion.restart import LONG_ABSENCE_S, inflate
 from gateway.fusion.saved import memory_of, saved
 from gateway.fusion.start import Start
 from gateway.fusion.state import State
@@ -57,9 +58,10 @@ class Estimator:
         Solutions a second: one at the first sample of each period.
     resume
         Where an earlier process left off. A `Checkpoint` wants all measurements since and goes on
-        exactly; of a `SavedState` time was lost (see `gateway.fusion.restart.inflate`): the
-        attitude is found anew where `initial.align` says how. None begins at the configured
-        initial state, or with finding the attitude.
+        exactly. A `SavedState` is taken for what it is worth at the first sample (see
+        `gateway.fusion.restart.inflate`): after a long absence the attitude is found anew where
+        `initial.align` says how. None begins at the configured initial state, or with finding the
+        attitude.
     engine
         Makes the filter from its model and memory: one that also takes notes, for a replay.
     """
@@ -83,17 +85,19 @@ class Estimator:
         self._said = 0
         self._taken_ns: int | None = None
         self._start: Start | None = None
+        self._away: SavedState | None = None
         if isinstance(resume, Checkpoint):
             self._go_on(resume)
             return
         memory = Memory(initial.initial_state(config)) if resume is None else memory_of(resume)
         self._sound = memory.state.copy()
         self._begin(memory)
-        if config.initial.align is not None:
-            self._start = Start(config, None if resume is None else memory.state.copy())
         if resume is not None:
+            self._away = resume
             self._t_last_ns = resume.t_ns
             self._second = resume.t_ns // CALIBRATION_PERIOD_NS
+        elif config.initial.align is not None:
+            self._start = Start(config)
 
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it."""
@@ -146,6 +150,18 @@ class Estimator:
         past = {t_ns: np.frombuffer(row).copy() for t_ns, row in at.past.items()}
         self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, order, past=past))
 
+    def _come_back(self, saved: SavedState, t_ns: int) -> None:
+        """Take up a state of earlier for what it is worth now."""
+        self._away = None
+        away_s = max(0.0, (t_ns - saved.t_ns) * 1e-9)
+        memory = memory_of(inflate(saved, away_s, self._filter.model.q))
+        self._sound = memory.state.copy()
+        if self._config.initial.align is not None and away_s > LONG_ABSENCE_S:
+            self._start = Start(self._config, memory.state.copy())
+        order = self._timeline.counts
+        self._begin(memory)
+        self._timeline.counts = order
+
     def _begin_again(self) -> None:
         """Start at the last sound state with the configured uncertainty."""
         sound, fresh = self._sound, initial.initial_state(self._config)
@@ -161,6 +177,8 @@ class Estimator:
         if self._taken_ns is not None:  # a checkpoint may lie within a block
             new = t_ns > self._taken_ns
             t_ns, rows = t_ns[new], rows[new]
+        if self._away is not None and len(t_ns):
+            self._come_back(self._away, int(t_ns[0]) - round(float(rows[0, 0]) * 1e9))
         begin = 0
         for end in self._due(t_ns):
             yield from self._extend(t_ns[begin:end], rows[begin:end])
@@ -188,7 +206,11 @@ class Estimator:
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
-        verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
+        if self._away is None:
+            verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
+        else:  # it is of the time away
+            self._timeline.counts.too_late += 1
+            verdicts = None
         if verdicts is None:
             nan = float("nan")
             yield Innovation(fix.t_ns, fix.device, fix.beacon, (), nan, False, "late_or_duplicate")

@@ -19,6 +19,7 @@ from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import RealtimeStatus
+from gateway.statefile import Keeper, KeeperStatus
 
 SILENT_S: dict[DeviceKind, float] = {
     "imu": 1.0,
@@ -73,6 +74,7 @@ class HealthReport(msgspec.Struct, frozen=True):
     outputs: list[SinkStatus]
     latency: list[StageReport]
     realtime: RealtimeStatus
+    state_file: KeeperStatus | None
 
 
 @dataclass
@@ -163,6 +165,7 @@ class Health:
         lines: Sequence[Line],
         host: FilterHost,
         feeds: Sequence[Feed],
+        keeper: Keeper | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._vehicle = vehicle
@@ -170,6 +173,7 @@ class Health:
         self._lines = lines
         self._host = host
         self._feeds = feeds
+        self._keeper = keeper
         self._begun = self._clock()
         self._solved_at = self._begun
         self._nav: NavReport | None = None
@@ -226,6 +230,7 @@ class Health:
             outputs=[feed.status() for feed in self._feeds],
             latency=self._stages.report(),
             realtime=self.realtime,
+            state_file=None if self._keeper is None else self._keeper.status,
         )
 
     def line(self) -> str:

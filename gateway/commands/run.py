@@ -15,7 +15,7 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--nmea -: standard output is already used by an output of the file")
     from gateway import daemon  # after the check: it takes a second to import
 
-    daemon.run(config, nmea_stdout=on_stdout)
+    daemon.run(config, nmea_stdout=on_stdout, cold=arguments.cold)
     return 0
 
 

@@ -329,6 +329,18 @@ class Realtime(_Block, frozen=True):
     lock_memory: bool = False
 
 
+class StateFile(_Block, frozen=True):
+    """Where the newest state is kept, for a gateway that was away to begin with again.
+
+    Without a file it is ``state`` in the folder that the service manager gives, if it does.
+    """
+
+    file: Annotated[str, Meta(min_length=1)] | None = None
+    max_age_s: NonNegative = 300.0
+    period_s: Positive = 2.0
+    """How often it is written."""
+
+
 class Config(_Block, frozen=True):
     """The whole file."""
 
@@ -338,6 +350,7 @@ class Config(_Block, frozen=True):
     beacons: dict[str, Beacon] = {}
     sound_speed_m_s: Annotated[float, Meta(ge=1300, le=1700)] = 1500.0
     filter: Filter = Filter()
+    state: StateFile = StateFile()
     outputs: tuple[Output, ...] = ()
     realtime: Realtime = Realtime()
 

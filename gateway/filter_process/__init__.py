@@ -1,1 +1,1 @@
-"""The filter as an OS process of its own: its host in the daemon, its worker, and their channel."""
+"""The filter as an OS process: its host in the daemon, the template it is forked from, itself."""

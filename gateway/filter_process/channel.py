@@ -1,4 +1,4 @@
-"""What host and worker say to each other: msgpack messages over a SOCK_SEQPACKET pair."""
+"""What host, template and worker say to each other: msgpack messages over SOCK_SEQPACKET pairs."""
 
 import socket
 
@@ -11,33 +11,69 @@ MAX_MESSAGE = 1 << 18
 BUFFER_BYTES = 1 << 20
 
 
-class Start(msgspec.Struct, frozen=True, array_like=True, tag="start"):
-    """First word to a worker: what to run and where to go on from."""
+class Prepare(msgspec.Struct, frozen=True, array_like=True, tag="prepare"):
+    """First word to a template: what its workers will run."""
 
     config: Config
     rate_hz: float
-    resume: Checkpoint | SavedState | None
+
+
+class Fork(msgspec.Struct, frozen=True, array_like=True, tag="fork"):
+    """Order to a template; with it come the worker's ends of its channel and `Progress`."""
 
 
 class Compiling(msgspec.Struct, frozen=True, array_like=True, tag="compiling"):
-    """Word of a worker that found no compiled filter in the cache: half a minute until `Ready`."""
+    """Word of a template that must compile first: half a minute until `Ready`."""
 
 
 class Ready(msgspec.Struct, frozen=True, array_like=True, tag="ready"):
-    """First word of a worker otherwise: compiled and waiting for measurements."""
+    """Word of a template that has compiled and may be forked."""
 
 
+class Born(msgspec.Struct, frozen=True, array_like=True, tag="born"):
+    """Answer to a `Fork`; with it comes a file descriptor of the new process (pidfd)."""
+
+    pid: int
+
+
+class Ended(msgspec.Struct, frozen=True, array_like=True, tag="ended"):
+    """A worker is no more; ``code`` is its exit code, or minus the signal that killed it."""
+
+    pid: int
+    code: int
+
+
+class Start(msgspec.Struct, frozen=True, array_like=True, tag="start"):
+    """First word to a worker: where to go on from, and how many answers were heard since."""
+
+    resume: Checkpoint | SavedState | None = None
+    heard: int = 0
+
+
+ToTemplate = Prepare | Fork
+FromTemplate = Compiling | Ready | Born | Ended
 ToWorker = Start | Measurement
-ToHost = Compiling | Ready | FilterOutput
 
 _encoder = msgspec.msgpack.Encoder()
+_to_template: msgspec.msgpack.Decoder[ToTemplate] = msgspec.msgpack.Decoder(ToTemplate)
+_from_template: msgspec.msgpack.Decoder[FromTemplate] = msgspec.msgpack.Decoder(FromTemplate)
 _to_worker: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)
-_to_host: msgspec.msgpack.Decoder[ToHost] = msgspec.msgpack.Decoder(ToHost)
+_from_worker: msgspec.msgpack.Decoder[FilterOutput] = msgspec.msgpack.Decoder(FilterOutput)
 
 
-def encode(message: ToWorker | ToHost) -> bytes:
+def encode(message: ToTemplate | FromTemplate | ToWorker | FilterOutput) -> bytes:
     """Bytes of one message."""
     return _encoder.encode(message)
+
+
+def read_in_template(data: bytes) -> ToTemplate:
+    """A message of the host."""
+    return _to_template.decode(data)
+
+
+def read_of_template(data: bytes) -> FromTemplate:
+    """A message of the template."""
+    return _from_template.decode(data)
 
 
 def read_in_worker(data: bytes) -> ToWorker:
@@ -45,15 +81,15 @@ def read_in_worker(data: bytes) -> ToWorker:
     return _to_worker.decode(data)
 
 
-def read_in_host(data: bytes) -> ToHost:
+def read_of_worker(data: bytes) -> FilterOutput:
     """A message of the worker."""
-    return _to_host.decode(data)
+    return _from_worker.decode(data)
 
 
 def pair() -> tuple[socket.socket, socket.socket]:
-    """Both ends of a channel: the host's, non-blocking, and the worker's."""
-    host, worker = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    for end in (host, worker):
+    """Both ends of a channel: the host's, non-blocking, and the other's."""
+    host, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in (host, other):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     host.setblocking(False)
-    return host, worker
+    return host, other

@@ -1,188 +1,170 @@
-"""The daemon's end of the filter process: starts it, feeds it, starts it again when it dies."""
+"""The daemon's end of the filter process: feeds a worker, and the next one when it dies."""
 
 import asyncio
 import logging
+import math
 import signal
 import socket
-import sys
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
 import msgspec
 
-from gateway import realtime
 from gateway.config import Config
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
-    Compiling,
-    Ready,
-    Start,
+    Prepare,
     encode,
-    pair,
-    read_in_host,
+    read_of_worker,
 )
-from gateway.messages import Checkpoint, FilterOutput, Measurement, SavedState
+from gateway.filter_process.launcher import Launcher, Worker, ending
+from gateway.filter_process.succession import Succession
+from gateway.messages import FilterOutput, Measurement, SavedState
+from gateway.timeline import LOOK_BACK_S
 
-MAX_WAITING = 20_000
-"""Messages kept for the worker: minutes of a fast IMU; beyond it the oldest go, and are counted."""
-RETRY_S = (0.0, 0.5, 1.0, 2.0, 5.0)
-END_S = 1.0
-"""How long a worker may take to end by itself."""
+OTHERS_HZ = 100.0
+"""Inputs beside the IMU's that come in a second, at most."""
+MARGIN_S = 10.0
+"""How much older than the history a checkpoint may grow, while a worker hangs or is replaced."""
 DRAIN_S = 0.4
-"""How long it may take over what was sent to it, when it is to end."""
+"""How long a worker may take over what was sent to it, when it is to end."""
+RETRY_S = (0.0, 0.0, 0.0, 0.5, 1.0, 2.0, 5.0)
+"""Waits before a new worker, by how many died since one brought news."""
 
 _log = logging.getLogger(__name__)
 
 
-class HostStatus(msgspec.Struct):
+class HostStatus(msgspec.Struct, frozen=True):
     """How the filter process fares."""
 
-    pid: int | None = None
-    ready: bool = False
-    restarts: int = 0
-    waiting: int = 0
-    dropped: int = 0
+    pid: int | None
+    spare_pid: int | None
+    ready: bool
+    restarts: int
+    waiting: int
+    kept: int
+    dropped: int
+    forgotten: int
 
 
 class FilterHost:
     """Feeds a worker and hands on what it says.
 
-    Everything sent since the worker's last checkpoint is kept, so that a new worker takes up where
-    the dead one left off.
+    When it dies the next one goes on as if nothing had happened, see `Succession`.
 
     Parameters
     ----------
     config, rate_hz
         What the worker runs, and how many solutions a second it gives.
     on_output
-        Called on the event loop with everything the worker says.
+        Called on the event loop with everything the worker says but checkpoints.
+    resume
+        Where an earlier gateway left off.
     """
 
     def __init__(
-        self, config: Config, rate_hz: float, on_output: Callable[[FilterOutput], None]
+        self,
+        config: Config,
+        rate_hz: float,
+        on_output: Callable[[FilterOutput], None],
+        resume: SavedState | None = None,
     ) -> None:
-        self.status = HostStatus()
-        self.ready = asyncio.Event()
-        self._config = config
-        self._rate_hz = rate_hz
+        self._launcher = Launcher(Prepare(config, rate_hz))
         self._on_output = on_output
-        self._resume: Checkpoint | SavedState | None = None
-        self._state: SavedState | None = None
-        self._acknowledged = 0
-        self._said = 0
-        self._heard = 0
-        self._sent: deque[bytes] = deque()
-        self._waiting: deque[bytes] = deque()
-        self._socket: socket.socket | None = None
+        self._succession = Succession(most_kept(config), resume)
+        self._backlog = self._succession.backlog
+        self._worker: Worker | None = None
         self._blocked = False
         self._handed_on = asyncio.Event()
-        self._drained: asyncio.Event | None = None
+        self._gone = asyncio.Event()
+        self._ends = False
+        self._restarts = 0
+
+    @property
+    def ready(self) -> asyncio.Event:
+        """Set while a filter is compiled and waits for measurements."""
+        return self._launcher.ready
+
+    @property
+    def status(self) -> HostStatus:
+        """How the filter process fares now."""
+        worker, backlog = self._worker, self._backlog
+        return HostStatus(
+            pid=worker.pid if worker else None,
+            spare_pid=self._launcher.pid,
+            ready=worker is not None,
+            restarts=self._restarts,
+            waiting=backlog.waiting,
+            kept=backlog.kept,
+            dropped=backlog.dropped,
+            forgotten=backlog.forgotten,
+        )
 
     def send(self, measurement: Measurement) -> None:
         """Queue a measurement for the worker; never blocks."""
-        self._waiting.append(encode(measurement))
+        self._backlog.add(encode(measurement))
         self._handed_on.clear()
         self._pump()
-        while len(self._waiting) > MAX_WAITING:
-            self._waiting.popleft()
-            self.status.dropped += 1
-        while len(self._sent) > MAX_WAITING:
-            self._sent.popleft()
-            self._acknowledged += 1
-        self.status.waiting = len(self._waiting)
 
     async def run(self) -> None:
         """Keep a worker running until cancelled; then end it."""
-        failures = 0
-        while True:
-            solved_ns = self._solved_ns()
-            how = await self._run_once()
-            if self._drained is not None:
-                self._drained.set()
-                return
-            failures = failures + 1 if self._solved_ns() <= solved_ns else 0
-            if failures > 1:  # it may be dying of what it is fed
-                self.status.dropped += len(self._sent)
-                self._sent.clear()
-                self._resume, self._heard = self._state, 0
-            wait_s = RETRY_S[min(failures, len(RETRY_S) - 1)]
-            self.status.restarts += 1
-            _log.error("filter process %s; starting it again", how)
-            await asyncio.sleep(wait_s)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._launcher.run())
+            while True:
+                worker = await self._launcher.launch(self._succession.orders())
+                await self._serve(worker)
+                code = await worker.end()
+                if self._ends:
+                    return
+                self._restarts += 1
+                _log.error("filter process %s; starting it again", ending(code))
+                is_its_own_fault = code not in (None, -signal.SIGKILL)
+                self._succession.ended(worker.progress.at if is_its_own_fault else None)
+                await asyncio.sleep(RETRY_S[min(self._succession.in_vain, len(RETRY_S) - 1)])
 
     async def drain(self) -> None:
         """Let the worker end with what was sent so far, and hand on what it says to that."""
-        channel = self._socket
-        if channel is None or not self.status.ready:
+        if self._worker is None:
             return
-        self._drained = asyncio.Event()
+        self._ends = True
         with suppress(TimeoutError):
             async with asyncio.timeout(DRAIN_S):
                 self._pump()
                 await self._handed_on.wait()
-                channel.shutdown(socket.SHUT_WR)
-                await self._drained.wait()
+                self._worker.channel.shutdown(socket.SHUT_WR)
+                await self._gone.wait()
 
-    async def _run_once(self) -> str:
-        """Run one worker to its end; say how it ended."""
-        ours, theirs = pair()
-        # Before the worker is there: one that dies at once, or whose host does, finds its orders.
-        ours.send(encode(Start(self._config, self._rate_hz, self._resume)))
-        with realtime.ordinary():  # the worker takes its priority when it is compiled and ready
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-            )
-        theirs.close()
-        self.status.pid = process.pid
-        try:
-            self._attach(ours)
-            code = await process.wait()
-            self._read(ours)  # its last words
-            return ending(code)
-        finally:
-            self._detach(ours)
-            await _end(process)
-
-    def _attach(self, channel: socket.socket) -> None:
-        """Put what the last worker had not finished before all else, and hear the new one."""
-        self._waiting.extendleft(reversed(self._sent))
-        self._sent.clear()
-        at = self._resume
-        self._acknowledged, self._said = (
-            (at.received, at.said) if isinstance(at, Checkpoint) else (0, 0)
-        )
-        self._socket = channel
-        asyncio.get_running_loop().add_reader(channel, self._read, channel)
-
-    def _detach(self, channel: socket.socket) -> None:
-        """Forget a worker."""
+    async def _serve(self, worker: Worker) -> None:
+        """Feed a worker and hear it until it is gone."""
         loop = asyncio.get_running_loop()
-        loop.remove_reader(channel)
-        loop.remove_writer(channel)
-        channel.close()
-        self._socket, self._blocked = None, False
-        self.status.ready, self.status.pid = False, None
-        self.ready.clear()
+        self._worker = worker
+        self._gone.clear()
+        loop.add_reader(worker.channel, self._read, worker.channel)
+        try:
+            self._pump()
+            await self._gone.wait()
+        finally:
+            loop.remove_reader(worker.channel)
+            loop.remove_writer(worker.channel)
+            self._worker, self._blocked = None, False
+            if not self._gone.is_set():  # it is we who end
+                await worker.end()
 
     def _pump(self) -> None:
         """Send what waits as far as the channel takes it."""
-        if self._socket is None or self._blocked or not self.status.ready:
+        if self._worker is None or self._blocked:
             return
+        channel = self._worker.channel
         try:
-            while self._waiting:
-                self._socket.send(self._waiting[0])
-                self._sent.append(self._waiting.popleft())
+            while (data := self._backlog.next()) is not None:
+                channel.send(data)
+                self._backlog.sent()
             self._handed_on.set()
         except BlockingIOError:
             self._blocked = True
-            asyncio.get_running_loop().add_writer(self._socket, self._unblock, self._socket)
+            asyncio.get_running_loop().add_writer(channel, self._unblock, channel)
         except OSError:
-            pass  # the worker is dying; its end is seen by `_run_once`
-        self.status.waiting = len(self._waiting)
+            pass  # the worker is dying, which is seen when its last words are read
 
     def _unblock(self, channel: socket.socket) -> None:
         asyncio.get_running_loop().remove_writer(channel)
@@ -191,60 +173,23 @@ class FilterHost:
 
     def _read(self, channel: socket.socket) -> None:
         """Take what the worker says."""
-        try:
-            while data := channel.recv(MAX_MESSAGE):
-                self._take(data)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            asyncio.get_running_loop().remove_reader(channel)
-
-    def _take(self, data: bytes) -> None:
-        message = read_in_host(data)
-        if isinstance(message, Ready):
-            self.status.ready = True
-            self.ready.set()
-            self._pump()
-        elif isinstance(message, Compiling):
-            _log.info("compiling the filter, once: what comes meanwhile waits for it")
-        elif isinstance(message, Checkpoint):
-            self._keep(message)
-        elif isinstance(message, SavedState):
-            if message.t_ns > self._solved_ns():
-                self._state = message
-        else:
-            self._said += 1
-            if self._said > self._heard:  # else the last worker has given it
-                self._heard = self._said
-                self._on_output(message)
-
-    def _solved_ns(self) -> int:
-        """Time of the newest state that any worker reached."""
-        return 0 if self._state is None else self._state.t_ns
-
-    def _keep(self, checkpoint: Checkpoint) -> None:
-        """Remember a checkpoint and forget the measurements it includes."""
-        while self._acknowledged < checkpoint.received:
-            self._sent.popleft()
-            self._acknowledged += 1
-        self._resume = checkpoint
+        while True:
+            try:
+                data = channel.recv(MAX_MESSAGE)
+            except BlockingIOError:
+                return
+            except ConnectionResetError:
+                continue  # it died with input unread; its last words come after this
+            if not data:
+                break
+            output = read_of_worker(data)
+            if self._succession.take(output):
+                self._on_output(output)
+        asyncio.get_running_loop().remove_reader(channel)
+        self._gone.set()
 
 
-def ending(code: int) -> str:
-    """How a process ended, in words."""
-    if code < 0:
-        return f"was killed by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"
-
-
-async def _end(process: asyncio.subprocess.Process) -> None:
-    """See a process to its end; its channel is closed, which tells it."""
-    if process.returncode is not None:
-        return
-    try:
-        await asyncio.wait_for(process.wait(), END_S)
-    except TimeoutError:
-        process.kill()
-        await process.wait()
+def most_kept(config: Config) -> int:
+    """How many inputs may wait for a next worker: those since the oldest moment of a checkpoint."""
+    past_s = config.filter.history_s + LOOK_BACK_S + MARGIN_S
+    return math.ceil(past_s * (config.imu[1].rate_hz + OTHERS_HZ))

@@ -24,6 +24,9 @@ ANY_HEADING = math.pi**2 / 3.0
 SWAY, SWAY_S = math.radians(5.0) ** 2, 3.0
 """Variance of an unseen level (rad^2), and the time in which a known one is forgotten (s)."""
 
+LONG_ABSENCE_S = 10.0
+"""Absence after which the attitude is better found anew; after less, the fixes mend it sooner."""
+
 
 def inflate(saved: SavedState, away_s: float, q: Array) -> SavedState:
     """The state as it is worth `away_s` later.  # (M.135)-(M.138)

@@ -11,11 +11,11 @@ from gateway.config import Config, load
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
     Compiling,
+    Prepare,
     Ready,
-    Start,
     encode,
     pair,
-    read_in_host,
+    read_of_template,
 )
 from tests.bench.replayed import Row, Source
 
@@ -41,17 +41,17 @@ def seconds(config: Config, cache: str, words: list[type]) -> tuple[float, float
     ours, theirs = pair()
     ours.setblocking(True)
     with ours:
-        ours.send(encode(Start(config, 1.0, None)))
+        ours.send(encode(Prepare(config, 1.0)))
         begun = time.perf_counter()
         with theirs:
-            worker = subprocess.Popen(
-                [sys.executable, "-m", "gateway.filter_process.worker", str(theirs.fileno())],
+            template = subprocess.Popen(
+                [sys.executable, "-m", "gateway.filter_process.template", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 env=os.environ | {"NUMBA_CACHE_DIR": cache},
             )
-        said = [type(read_in_host(ours.recv(MAX_MESSAGE))) for _ in words]
+        said = [type(read_of_template(ours.recv(MAX_MESSAGE))) for _ in words]
         took = time.perf_counter() - begun
-    _, status, usage = os.wait4(worker.pid, 0)
-    worker.returncode = os.waitstatus_to_exitcode(status)
+    _, status, usage = os.wait4(template.pid, 0)
+    template.returncode = os.waitstatus_to_exitcode(status)
     assert said == words
     return took, usage.ru_utime + usage.ru_stime

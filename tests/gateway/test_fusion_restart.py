@@ -9,8 +9,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from gateway.estimator import Estimator
-from gateway.fusion.initial import noise_densities
-from gateway.fusion.restart import WANDER_M_S, WANDER_S, inflate
+from gateway.fusion.restart import LONG_ABSENCE_S, WANDER_M_S, WANDER_S, inflate
 from gateway.fusion.state import ATT, BG, N_MEAN, POS, VEL
 from gateway.messages import NavSolution, SavedState
 from gateway.modes import Mode
@@ -89,10 +88,10 @@ def test_nothing_is_claimed_until_a_fix_is_used():
     assert (after.refused_in_a_row, after.used, after.gated) == (0, 3, 2)
 
 
-def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, NavSolution, Voyage]:
+def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, list[NavSolution], Voyage]:
     """A voyage whose gateway is away from the 60th second on, in a turn for the most part.
 
-    Gives the normalised square of the first position's error after it, and the last solution.
+    Gives the normalised square of the first position's error after it, and the solutions.
     """
     voyage = Voyage(scenario(MOWING, 300 + seed, 60.0 + away_s + 150.0))
     config = aligning(voyage, heading="config", level_s=10)
@@ -104,10 +103,9 @@ def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, NavSoluti
             state = output if isinstance(output, SavedState) else state
     assert state is not None
     t_back = t_cut + away_s * 1e9
-    gone_s = (t_back - state.t_ns) * 1e-9
-    q = noise_densities(config.imu[1].noise)
-    again = inflate(state, gone_s if inflated else 0.0, q)
-    second = Estimator(config, 1.0, msgspec.structs.replace(again, t_ns=int(t_back)))
+    if not inflated:
+        state = msgspec.structs.replace(state, t_ns=int(t_back))
+    second = Estimator(config, 1.0, state)
     said = [o for m in arrivals if _time(m) >= t_back for o in second.feed(m)]
     solutions = [o for o in said if isinstance(o, NavSolution)]
     at = np.array([(solutions[0].t_ns - voyage.t_ns[0]) * 1e-9 + voyage.t_imu[0]])
@@ -116,7 +114,7 @@ def taken_up(seed: int, away_s: float, inflated: bool) -> tuple[float, NavSoluti
     east = (s.lon - truth.lon[0]) * 6.38e6 * math.cos(s.lat)
     S = np.array([[s.sd_position[0] ** 2, s.cov_ne], [s.cov_ne, s.sd_position[1] ** 2]])
     d = np.array([north, east])
-    return float(d @ np.linalg.solve(S, d)), solutions[-1], voyage
+    return float(d @ np.linalg.solve(S, d)), solutions, voyage
 
 
 def _time(measurement) -> int:
@@ -124,11 +122,16 @@ def _time(measurement) -> int:
     return int(np.frombuffer(t, dtype=np.int64)[-1]) if isinstance(t, bytes) else t
 
 
-def test_a_vehicle_that_turned_unseen_is_found_again():
+@pytest.mark.parametrize("away_s", [3.0, 20.0])
+def test_a_vehicle_that_turned_unseen_is_found_again(away_s):
+    """By its fixes after a short absence, by an alignment after a long one."""
     squares = []
-    for seed in range(4):
-        square, last, voyage = taken_up(seed, 20.0, inflated=True)
+    for seed in range(3):
+        square, solutions, voyage = taken_up(seed, away_s, inflated=True)
         squares.append(square)
+        aligned = next(n for n, s in enumerate(solutions) if s.mode is Mode.AIDED)
+        assert (aligned > 9) == (away_s > LONG_ABSENCE_S)  # a solution a second, a level of 10 s
+        last = solutions[-1]
         truth = voyage.truth.geodetic(
             np.array([(last.t_ns - voyage.t_ns[0]) * 1e-9 + voyage.t_imu[0]])
         )

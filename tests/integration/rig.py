@@ -160,16 +160,35 @@ class Rig:
         """The last status of a device."""
         return self.statuses[-1]["devices"][name] if self.statuses else {}
 
+    def state_file(self) -> dict[str, Any]:
+        """The last status of the state file."""
+        return (self.statuses[-1]["state_file"] or {}) if self.statuses else {}
+
+    async def kill(self) -> None:
+        """Kill the gateway itself; what it has started must end by itself."""
+        self.process.kill()
+        deadline = time.monotonic() + 5.0
+        while session(self.process.pid):
+            assert time.monotonic() < deadline
+            await asyncio.sleep(0.01)
+
+    def forget(self) -> None:
+        """Forget all that was heard, before another gateway runs."""
+        for heard in (self.log, self.notices, self.epochs, self.navs, self.statuses):
+            heard.clear()
+
     def noticed(self, notice: str) -> list[float]:
         """When the service manager was told so (s, monotonic)."""
         return [t for t, text in self.notices if text == notice]
 
     @asynccontextmanager
-    async def gateway(self, *, ends: int = 0, **environment: str) -> AsyncIterator[None]:
+    async def gateway(
+        self, *options: str, ends: int = 0, **environment: str
+    ) -> AsyncIterator[None]:
         """Run ``usblnav run`` while the body does; it must end in time with the given code."""
         with self._ears():
             self.process = await asyncio.create_subprocess_exec(
-                *(*USBLNAV, "run", "-c", str(self.config_file)),
+                *(*USBLNAV, "run", "-c", str(self.config_file), *options),
                 stdin=asyncio.subprocess.DEVNULL,
                 stderr=asyncio.subprocess.PIPE,
                 env=os.environ | {"NOTIFY_SOCKET": self._notify_address} | environment,
@@ -223,7 +242,11 @@ class Rig:
 
     def worker(self) -> int:
         """Process id of the filter."""
-        (pid,) = set(session(self.process.pid)) - {self.process.pid}
+        return self.named("usblnav-filter")
+
+    def named(self, name: str) -> int:
+        """Process id of the one of the gateway's processes that calls itself so."""
+        (pid,) = (pid for pid in session(self.process.pid) if comm(pid) == name)
         return pid
 
     async def _end(self, code: int) -> None:
@@ -285,3 +308,10 @@ def session(leader: int) -> list[int]:
                 if int(of) == leader and state != "Z":
                     found.append(int(entry.name))
     return found
+
+
+def comm(pid: int) -> str:
+    """What a process calls itself; nothing if it is gone."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return (Path("/proc") / str(pid) / "comm").read_text().strip()
+    return ""

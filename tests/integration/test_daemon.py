@@ -39,8 +39,7 @@ async def test_a_killed_filter_takes_up_where_it_was(tmp_path: Path) -> None:
         assert used - 2 <= rig.navs[0].fixes_used  # a checkpoint is at most a second old
         await rig.until("more fixes", lambda: rig.navs[-1].fixes_used > used)
         await rig.until("a true position again", rig.is_right)
-        await rig.until("the status", lambda: rig.statuses[-1]["filter"]["ready"])
-        assert rig.statuses[-1]["filter"]["restarts"] == 1
+        await rig.until("the status", lambda: rig.statuses[-1]["filter"]["restarts"] == 1)
         assert rig.statuses[-1]["filter"]["pid"] == rig.worker() != killed
         assert len(rig.said("filter process")) == 1
     times = [epoch.t_s for epoch in rig.epochs]
@@ -81,12 +80,11 @@ async def open_once(link: dict[str, Any]) -> None:
 async def test_no_filter_outlives_a_killed_daemon(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     async with rig.gateway(ends=-signal.SIGKILL):
-        assert len(session(rig.process.pid)) == 2
-        rig.process.kill()
         deadline = time.monotonic() + 5.0
-        while session(rig.process.pid):
+        while len(session(rig.process.pid)) < 3:  # itself, the filter and the spare one
             assert time.monotonic() < deadline
             await asyncio.sleep(0.02)
+        await rig.kill()
 
 
 async def test_an_absent_array_comes_goes_and_comes_back(tmp_path: Path) -> None:
