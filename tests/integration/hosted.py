@@ -89,6 +89,7 @@ class Hosted:
 
     async def ready(self) -> int:
         """Process id of the worker, once it works."""
+        await asyncio.wait_for(self.host.ready.wait(), 120)  # it may have to compile first
         await self.until(lambda: self.host.status.pid is not None)
         assert self.host.status.pid is not None
         return self.host.status.pid

@@ -284,6 +284,7 @@ class Rig:
             finally:
                 loop.remove_reader(plotter)
                 loop.remove_reader(manager)
+                Path(self._notify_address).unlink()
 
     def _hear(self, ear: socket.socket, take: Callable[[bytes], None]) -> None:
         with suppress(BlockingIOError):

@@ -4,6 +4,7 @@ import asyncio
 import math
 import os
 import random
+import resource
 import signal
 import time
 from itertools import pairwise
@@ -15,6 +16,7 @@ import pytest
 from gateway.messages import FilterCounts
 from gateway.modes import Mode
 from tests.integration.hosted import Hosted, Input, answers, encoded, hosted, recorded
+from tests.integration.rig import Rig
 
 
 class Death(NamedTuple):
@@ -29,6 +31,7 @@ async def survive(given: Input, kills: set[int], duration_s: float) -> tuple[Hos
     """Feed a recording in some time, killing the worker at some of its inputs; hear it all."""
     deaths: list[Death] = []
     async with hosted(given) as running:
+        await running.ready()
         host, begun = running.host, time.perf_counter()
         killed = None
         for n, measurement in enumerate(given.measurements):
