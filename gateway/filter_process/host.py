@@ -124,14 +124,14 @@ class FilterHost:
 
     async def drain(self) -> None:
         """Let the worker end with what was sent so far, and hand on what it says to that."""
-        if self._worker is None:
+        worker, self._ends = self._worker, True
+        if worker is None:
             return
-        self._ends = True
-        with suppress(TimeoutError):
+        with suppress(OSError):  # it takes too long, or dies of it
             async with asyncio.timeout(DRAIN_S):
                 self._pump()
                 await self._handed_on.wait()
-                self._worker.channel.shutdown(socket.SHUT_WR)
+                worker.channel.shutdown(socket.SHUT_WR)
                 await self._gone.wait()
 
     async def _serve(self, worker: Worker) -> None:

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from gateway.config import Config
+from gateway.estimator import Estimator
 from gateway.filter_process import channel
 from gateway.filter_process import host as host_module
 from gateway.messages import (
@@ -143,6 +144,19 @@ async def test_a_worker_ends_with_its_host(given: Input, hangs: bool) -> None:
             assert running.host.status.restarts == 0
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+async def test_what_was_sent_is_answered_before_the_end(given: Input) -> None:
+    async with hosted(given) as running:
+        await running.ready()
+        for measurement in given.measurements[:400]:
+            running.host.send(measurement)
+        await running.host.drain()
+        said = encoded(running.outputs)
+    estimator = Estimator(given.config, given.rate_hz)
+    expected = [output for m in given.measurements[:400] for output in estimator.feed(m)]
+    assert said == encoded(expected)
+    assert running.host.status.restarts == 0
 
 
 COMPILED = """
