@@ -110,7 +110,7 @@ def _waterlinked() -> list[bytes]:
         "format": "json_v3.1",
         "type": "response",
     }
-    lost = A50_REPORT | {"vx": 0, "vy": 0, "vz": 0, "altitude": -1, "velocity_valid": False}
+    lost = A50_REPORT | {"altitude": -1, "velocity_valid": False, "transducers": []}
     return [line_of(report) for report in (A50_REPORT, lost, answer, A50_REPORT)]
 
 
