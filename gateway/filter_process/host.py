@@ -12,10 +12,10 @@ import msgspec
 
 from gateway.config import Config
 from gateway.filter_process.channel import (
-    MAX_MESSAGE,
     Prepare,
     encode,
     read_of_worker,
+    receive,
 )
 from gateway.filter_process.launcher import Launcher, Worker, ending
 from gateway.filter_process.succession import Succession
@@ -175,7 +175,7 @@ class FilterHost:
         """Take what the worker says."""
         while True:
             try:
-                data = channel.recv(MAX_MESSAGE)
+                data = receive(channel)
             except BlockingIOError:
                 return
             except ConnectionResetError:

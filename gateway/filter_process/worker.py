@@ -5,11 +5,11 @@ import socket
 from gateway import realtime
 from gateway.estimator import Estimator
 from gateway.filter_process.channel import (
-    MAX_MESSAGE,
     Prepare,
     Start,
     encode,
     read_in_worker,
+    receive,
 )
 from gateway.filter_process.progress import Progress
 from gateway.messages import Checkpoint, SavedState
@@ -20,7 +20,7 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
 
     Answers that a worker before gave already, as `Start` says, are worked out again and kept back.
     """
-    if not (data := channel.recv(MAX_MESSAGE)):
+    if not (data := receive(channel)):
         return
     start = read_in_worker(data)
     assert isinstance(start, Start)
@@ -29,7 +29,7 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
     collector.settle()
     realtime.enter(orders.config.realtime)  # what is not granted, the host has said
     taken = said = 0
-    while data := channel.recv(MAX_MESSAGE):
+    while data := receive(channel):
         progress.begin(taken, said)
         measurement = read_in_worker(data)
         assert not isinstance(measurement, Start)

@@ -127,20 +127,13 @@ class Live:
         sender = stack.enter_context(
             _end(self._folder, "send", self._fifo, str(self._config), capture)
         )
-        (worker,) = _children(gateway.pid)
+        worker = _ask(self._config)["filter"]["pid"]
         self.usage = [Usage("daemon", gateway.pid), Usage("filter process", worker)]
         while sender.process.poll() is None:
             time.sleep(1.0)
             for usage in self.usage:
                 usage.look()
-        self.status = json.loads(
-            subprocess.run(
-                [sys.executable, "-m", "gateway", "status", "-c", self._config, "--json"],
-                cwd=ROOT,
-                capture_output=True,
-                check=True,
-            ).stdout
-        )
+        self.status = _ask(self._config)
         zenoh.stop()
         nmea.stop()
         sent = sender.rows(3)
@@ -278,9 +271,12 @@ def _gateway(config: Path, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
                 process.terminate()
 
 
-def _children(pid: int) -> list[int]:
-    text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
-    return [int(child) for child in text.split()]
+def _ask(config: Path) -> dict[str, Any]:
+    """The gateway's status."""
+    command = [sys.executable, "-m", "gateway", "status", "-c", config, "--json"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    status: dict[str, Any] = json.loads(done.stdout)
+    return status
 
 
 def _match(frames: Times, t: Times) -> tuple[NDArray[np.intp], Times]:
