@@ -90,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_status(commands)
     _add_demo(commands)
     _add_replay(commands)
+    _add_export(commands)
     _add_emulate(commands)
     _add_check(commands)
     _add_codecs(commands)
@@ -167,7 +168,7 @@ def _add_replay(commands: Any) -> None:
     parser = _command(
         commands,
         "replay",
-        "run captured traffic through the same pipeline, as fast as the machine can",
+        "run captured or recorded traffic through the same pipeline, as fast as the machine can",
         "Writes nav.csv, innovations.csv, calibration.csv, residuals.csv and summary.json. "
         "The same input gives the same output.",
     )
@@ -176,23 +177,26 @@ def _add_replay(commands: Any) -> None:
         nargs="+",
         type=Path,
         metavar="CAPTURE",
-        help="pcap or pcapng, each also gzipped; in the order given",
+        help="pcap or pcapng, each also gzipped; or the files of one run's recording",
     )
-    _add_config(parser)
     parser.add_argument(
-        "-o", "--out", required=True, type=Path, metavar="OUT", help="folder for the results"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="CONFIG.yaml",
+        help="configuration file (default: that of the recording)",
     )
+    _add_out(parser)
     parser.add_argument(
         "--rate",
         type=_positive,
-        default=10.0,
         metavar="HZ",
-        help="solutions a second in nav.csv (default: 10)",
+        help="solutions a second in nav.csv (default: 10, or as recorded)",
     )
     parser.add_argument(
         "--from",
         dest="origin",
-        choices=["auto", "pcap", "pcapng"],
+        choices=["auto", "pcap", "pcapng", "recording"],
         default="auto",
         help="what the captures are (default: auto, by their first bytes)",
     )
@@ -210,6 +214,24 @@ def _add_replay(commands: Any) -> None:
         help="make each solution from all measurements, the later ones too",
     )
     _add_json(parser, "the summary")
+
+
+def _add_export(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "export",
+        "write what a recording holds as the files of a replay",
+        "Writes the live run's own nav.csv, innovations.csv and calibration.csv.",
+    )
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="the files of one run's recording",
+    )
+    _add_out(parser)
+    _add_json(parser, "the counts")
 
 
 def _add_emulate(commands: Any) -> None:
@@ -327,6 +349,12 @@ def _add_study(commands: Any) -> None:
 def _add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--config", required=True, type=Path, metavar="CONFIG.yaml", help="configuration file"
+    )
+
+
+def _add_out(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-o", "--out", required=True, type=Path, metavar="OUT", help="folder for the results"
     )
 
 

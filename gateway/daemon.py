@@ -26,7 +26,9 @@ from gateway.messages import (
 )
 from gateway.outputs.feeds import Feed, open_feed
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
+from gateway.recording.host import Recorder
 from gateway.supervise import Alive, keep_running
+from gateway.utc import UtcHistory
 
 MIN_SOLUTION_RATE_HZ = 10.0
 HEALTH_PERIOD_S = 1.0
@@ -72,6 +74,10 @@ class _Daemon:
         resume = None if cold or path is None else statefile.resume(path, config, bootclock.now())
         self._keeper = None if path is None else statefile.Keeper(path, config)
         self._host = FilterHost(config, rate_hz, self._on_output, resume)
+        self._utc = UtcHistory()
+        self._recorder: Recorder | None = None
+        if config.recording is not None:
+            self._recorder = Recorder(config.recording, config, rate_hz)
         self._health = Health(config.vehicle, self._lines, self._host, self._feeds, self._keeper)
 
     async def run(self) -> None:
@@ -88,14 +94,20 @@ class _Daemon:
             for output in self._outputs:
                 feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
                 self._feeds.append(feed)
+            if self._recorder is not None:
+                self._feeds.append(self._recorder)
+            self._sample_utc()
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(self._host.run(), name="filter")]
                 tasks += [group.create_task(self._ready()), group.create_task(self._watch())]
                 tasks += [group.create_task(self._until_ended(feed)) for feed in self._feeds]
-                tasks += [group.create_task(self._read(line)) for line in self._lines]
-                tasks += [group.create_task(self._feel(line)) for line in self._lines]
+                readers = [group.create_task(self._read(line)) for line in self._lines]
+                readers += [group.create_task(self._feel(line)) for line in self._lines]
                 await self._stop.wait()
                 systemd.notify_stopping()
+                for task in readers:
+                    task.cancel()
+                await self._host.drain()
                 for task in tasks:
                     task.cancel()
         _log.info("stopped")
@@ -112,10 +124,14 @@ class _Daemon:
 
             async with open_link(settings, take, line.link) as link:
                 line.opened(time.monotonic())
+                if self._recorder is not None:
+                    self._recorder.line(line.name, up=True)
                 try:
                     await link.lost()
                 finally:
                     line.lost()
+                    if self._recorder is not None:
+                        self._recorder.line(line.name, up=False)
 
         await keep_running(line.name, once)
 
@@ -135,6 +151,8 @@ class _Daemon:
     def _hand_on(self, line: Line, chunk: Chunk) -> None:
         """Decode a chunk and give the filter what came of it."""
         passage, t_rx_ns = self._health.passage, chunk.t_rx_ns
+        if self._recorder is not None:
+            self._recorder.raw(line.name, chunk.data, t_rx_ns)
         line.intake.feed(chunk.data, t_rx_ns)
         decoded_ns = time.monotonic_ns()
         passage.decoded(line.name, t_rx_ns, decoded_ns)
@@ -148,7 +166,7 @@ class _Daemon:
     def _on_output(self, output: FilterOutput) -> None:
         """Hand on what the filter says, in the words of the edge."""
         now_ns = time.monotonic_ns()
-        offset_ns = time.time_ns() - now_ns
+        offset_ns = self._utc.at(output.t_ns)
         if isinstance(output, NavSolution):
             passage = self._health.passage
             passage.solved(output.t_ns, now_ns)
@@ -170,6 +188,13 @@ class _Daemon:
         elif isinstance(output, SavedState) and self._keeper is not None:
             self._keeper.keep(output)
 
+    def _sample_utc(self) -> None:
+        """See how Unix time stands to monotonic time; a recording keeps it for its replays."""
+        now_ns = time.monotonic_ns()
+        sample = self._utc.sample(now_ns, time.time_ns() - now_ns)
+        if self._recorder is not None:
+            self._recorder.utc(sample)
+
     async def _until_ended(self, feed: Feed) -> None:
         """Stop the daemon when an output has lost its reader for good."""
         await feed.run()
@@ -188,6 +213,7 @@ class _Daemon:
         fed_at = 0.0
         while True:
             await asyncio.sleep(min(HEALTH_PERIOD_S, watchdog_s or HEALTH_PERIOD_S))
+            self._sample_utc()
             self._health.watch()
             report = self._health.report()
             for feed in self._feeds:

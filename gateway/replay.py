@@ -1,4 +1,4 @@
-"""Captured traffic through the same intake and estimator as the daemon's, as fast as they go."""
+"""Captured or recorded traffic through the daemon's intake and estimator, as fast as they go."""
 
 import math
 import time
@@ -10,8 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.capture.files import CaptureError
-from drivers.capture.streams import CaptureCounts, Payload, read_streams
+from drivers.capture.streams import Payload
 from gateway.config import Config
 from gateway.errors import UsblnavError
 from gateway.fusion.initial import initial_state
@@ -28,6 +27,7 @@ from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.progress import Tell, nobody
+from gateway.traffic import Traffic, open_traffic
 
 CHUNKS_PER_BLOCK = 64
 """IMU chunks gathered for one call of the filter, where no fix comes between; the result does not
@@ -39,20 +39,21 @@ LOOSE = "loose"
 
 
 def run(
-    captures: list[Path],
-    config: Config,
+    captures: Sequence[Path],
+    config: Config | None,
     *,
     out: Path,
-    rate_hz: float,
-    origin: str = "auto",
+    rate_hz: float | None = None,
     filters: Sequence[str] = (),
     smooth: bool = False,
     tell: Tell = nobody,
 ) -> dict[str, Any]:
-    """Replay captures into the files of `out`; give the summary that is written there.
+    """Replay captures or a recording into the files of `out`; give the summary written there.
 
     Parameters
     ----------
+    config, rate_hz
+        None takes those of the recording.
     filters
         Error definitions (or `LOOSE`) to run side by side on the same input. With more than one,
         each writes into a folder of its name, and what is given back is
@@ -69,17 +70,15 @@ def run(
         byte for any device, or files that cannot be written.
     """
     begun = time.perf_counter()
+    traffic = open_traffic(captures, config, rate_hz)
+    config = traffic.config
     devices = intakes(config)
-    counts = CaptureCounts()
-    links = {name: device.link for name, device in config.devices.items()}
-    traffic = _Traffic(read_streams(captures, links, counts))
-    stored = sum(map(_size, captures))
     with ExitStack() as stack:
         runs = {
             name: _Run(
                 chosen(config, name) if filters else config,
                 stack.enter_context(ReplayFiles(out / name if len(filters) > 1 else out)),
-                rate_hz,
+                traffic,
                 smooth,
                 _named(tell, name) if len(filters) > 1 else tell,
             )
@@ -88,19 +87,14 @@ def run(
         for measurement in _measurements(traffic, devices):
             for one in runs.values():
                 one.take(measurement)
-            tell("reading" if smooth else "replaying", counts.file_bytes / stored)
+            tell("reading" if smooth else "replaying", traffic.share)
         common = {
             "devices": {name: _device(intake) for name, intake in devices.items()},
-            "capture": msgspec.to_builtins(counts),
+            **traffic.told(),
         }
-        summaries = {n: one.close(common, traffic.seconds, begun) for n, one in runs.items()}
+        summaries = {n: one.close(common, begun) for n, one in runs.items()}
     if traffic.fault is not None:
         raise UsblnavError(str(traffic.fault)) from traffic.fault
-    if not counts.selected:
-        raise UsblnavError(
-            f"{', '.join(map(str, captures))}: no packet for any device of the configuration"
-            f" ({counts.packets} packets read)"
-        )
     return {"filters": summaries} if len(filters) > 1 else next(iter(summaries.values()))
 
 
@@ -109,14 +103,6 @@ def chosen(config: Config, name: str) -> Config:
     what = {"coupling": "loose"} if name == LOOSE else {"error": name, "coupling": "tight"}
     block = msgspec.structs.replace(config.filter, **what)
     return msgspec.structs.replace(config, filter=block)
-
-
-def _size(capture: Path) -> float:
-    """Bytes of a file; of a pipe, or what cannot be read, there is no telling."""
-    try:
-        return capture.stat().st_size or math.inf
-    except OSError:
-        return math.inf
 
 
 def _named(tell: Tell, name: str) -> Tell:
@@ -128,10 +114,12 @@ class _Run:
     """One filter on the traffic, the files it fills and what it amounts to."""
 
     def __init__(
-        self, config: Config, files: ReplayFiles, rate_hz: float, smooth: bool, tell: Tell
+        self, config: Config, files: ReplayFiles, traffic: Traffic, smooth: bool, tell: Tell
     ) -> None:
+        rate_hz = traffic.rate_hz
         self._config = config
         self._files = files
+        self._traffic = traffic
         self._pass = SmoothedPass(config, rate_hz, tell) if smooth else ForwardPass(config, rate_hz)
         self._smooth = smooth
         self._calibration: Calibration | None = None
@@ -144,12 +132,13 @@ class _Run:
         for output in self._pass.feed(measurement):
             self._write(output)
 
-    def close(self, common: dict[str, Any], seconds: float, begun: float) -> dict[str, Any]:
+    def close(self, common: dict[str, Any], begun: float) -> dict[str, Any]:
         """Write what remains; give the summary."""
+        utc, seconds = self._traffic.utc, self._traffic.seconds
         for output in self._pass.finish():
             self._write(output)
         for row in self._pass.residuals():
-            self._files.residual(row.t_ns, row[1:4], row[4:])
+            self._files.residual(row.t_ns + utc.at(row.t_ns), row[1:4], row[4:])
         last = self._pass.last()
         if last is not None:
             names, P = calibration_covariance(last)
@@ -169,18 +158,19 @@ class _Run:
         return summary
 
     def _write(self, output: FilterOutput) -> None:
-        """Put an output where it belongs; packet times are Unix times already."""
+        """Put an output where it belongs."""
+        offset_ns = self._traffic.utc.at(output.t_ns)
         if isinstance(output, NavSolution):
             self._solution = output
-            self._files.nav(nav_report(output, 0))
+            self._files.nav(nav_report(output, offset_ns))
         elif isinstance(output, Innovation):
             if output.accepted and math.isfinite(output.nis):
                 self._nis.append((output.nis, len(output.components)))
             self._count_beacon(output)
-            self._files.innovation(innovation_report(output, 0))
+            self._files.innovation(innovation_report(output, offset_ns))
         elif isinstance(output, Calibration):
             self._calibration = output
-            self._files.calibration(calibration_report(output, 0))
+            self._files.calibration(calibration_report(output, offset_ns))
 
     def _count_beacon(self, verdict: Innovation) -> None:
         """Count what became of a beacon's fixes; its quality is that of the last one heard."""
@@ -222,31 +212,6 @@ class _Run:
             c.name: {"value": c.value, "sigma": c.sigma, "prior": prior[c.name]}
             for c in self._calibration.constants
         }
-
-
-class _Traffic:
-    """The payloads of captures up to their end or to where they cannot be read any further."""
-
-    def __init__(self, payloads: Iterable[Payload]) -> None:
-        self.fault: CaptureError | None = None
-        self._payloads = payloads
-        self._first_ns: int | None = None
-        self._last_ns = 0
-
-    def __iter__(self) -> Iterator[Payload]:
-        try:
-            for payload in self._payloads:
-                if self._first_ns is None:
-                    self._first_ns = payload[2]
-                self._last_ns = payload[2]
-                yield payload
-        except CaptureError as error:
-            self.fault = error
-
-    @property
-    def seconds(self) -> float:
-        """From the first arrival to the last."""
-        return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) * 1e-9
 
 
 def _measurements(payloads: Iterable[Payload], devices: dict[str, Intake]) -> Iterator[Measurement]:

@@ -1,4 +1,4 @@
-"""`usblnav replay`: captured traffic through the pipeline."""
+"""`usblnav replay`: captured or recorded traffic through the pipeline."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ from gateway.errors import ConfigError
 
 def run(arguments: Namespace) -> int:
     """Replay the captures and print the summary."""
-    config = load(arguments.config)
+    config = None if arguments.config is None else load(arguments.config)
     absent = [str(capture) for capture in arguments.captures if not capture.exists()]
     if absent:
         raise ConfigError([f"{capture}: no such file" for capture in absent])
@@ -27,7 +27,6 @@ def run(arguments: Namespace) -> int:
             config,
             out=arguments.out,
             rate_hz=arguments.rate,
-            origin=arguments.origin,
             filters=arguments.filters,
             smooth=arguments.smooth,
             tell=tell,

@@ -341,6 +341,19 @@ class StateFile(_Block, frozen=True):
     """How often it is written."""
 
 
+class Recording(_Block, frozen=True):
+    """Everything written down as MCAP files, for replays and for Foxglove."""
+
+    folder: Annotated[str, Meta(min_length=1)]
+    """It must exist; relative to where the daemon runs."""
+    max_file_mb: Annotated[float, Meta(ge=0.1, le=10_000)] = 100.0
+    max_file_s: Annotated[float, Meta(ge=1, le=86_400)] = 3600.0
+    quota_mb: Annotated[float, Meta(gt=0)] = 10_000.0
+    """For all recordings of the vehicle in the folder; beyond it the oldest are removed."""
+    records: bool = True
+    """Whether decoded records are written beside the bytes, to be looked at."""
+
+
 class Config(_Block, frozen=True):
     """The whole file."""
 
@@ -353,6 +366,7 @@ class Config(_Block, frozen=True):
     state: StateFile = StateFile()
     outputs: tuple[Output, ...] = ()
     realtime: Realtime = Realtime()
+    recording: Recording | None = None
 
     @property
     def imu(self) -> tuple[str, ImuDevice]:

@@ -250,6 +250,17 @@ def _clock_sources(config: Config) -> Iterator[str]:
                     yield f"{path}: {device.codec} tells its time to {step_s:g} s only; use arrival"
 
 
+def _recording(config: Config) -> Iterator[str]:
+    block = config.recording
+    if block is None or not known(block) or not known(block.max_file_mb, block.quota_mb):
+        return
+    if block.quota_mb < 2.0 * block.max_file_mb:
+        yield (
+            f"recording.quota_mb: {block.quota_mb:g} MB are less than two files of"
+            f" recording.max_file_mb ({block.max_file_mb:g} MB)"
+        )
+
+
 def _pulses(config: Config) -> Iterator[str]:
     for name, device in _readable(config).items():
         if not known(device.clock) or not known(device.clock.source, device.clock.pulses):
@@ -277,4 +288,5 @@ _CHECKS = (
     _addresses,
     _zenoh,
     _pulses,
+    _recording,
 )

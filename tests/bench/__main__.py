@@ -4,7 +4,16 @@ import os
 import tempfile
 from pathlib import Path
 
-from tests.bench import against_c, decoding, live, replayed, roundtrip, starting, steps
+from tests.bench import (
+    against_c,
+    decoding,
+    live,
+    recording,
+    replayed,
+    roundtrip,
+    starting,
+    steps,
+)
 
 
 def main() -> None:
@@ -20,7 +29,8 @@ def main() -> None:
             *decoding.measure(),
         ]
         os.sched_setaffinity(0, cores)
-        rows += [*roundtrip.measure(source), *live.measure(), *starting.measure(source)]
+        rows += [*roundtrip.measure(source), *live.measure()]
+        rows += [*recording.measure(source), *starting.measure(source)]
     print(f"{source.name}, {len(cores)} cores, load {os.getloadavg()[0]:.1f}")
     width = max(len(name) for name, _, _ in rows)
     for name, value, unit in rows:

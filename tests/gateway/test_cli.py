@@ -21,7 +21,18 @@ from gateway.emulator.twin import DEMO
 from tests.gateway.test_config import EVERY_FAULT, EVERY_KIND
 from tests.shared_data import ROOT
 
-COMMANDS = ["run", "status", "demo", "replay", "emulate", "check", "codecs", "decode", "study"]
+COMMANDS = [
+    "run",
+    "status",
+    "demo",
+    "replay",
+    "export",
+    "emulate",
+    "check",
+    "codecs",
+    "decode",
+    "study",
+]
 USBLNAV = [sys.executable, "-m", "gateway"]
 FRAMES = [
     KVH1750.encode(

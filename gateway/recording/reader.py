@@ -1,0 +1,239 @@
+"""Recordings as the events they were made of, in the order in which the daemon took them."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, cast
+
+import msgspec
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Attachment, Channel, Message, Metadata
+from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.writer import MCAP0_MAGIC
+
+from drivers.capture.files import CaptureError
+from gateway.config import Config
+from gateway.errors import ConfigError
+from gateway.recording.events import Event, LineEvent, Raw, Report, Topic
+from gateway.recording.file import CONFIG, RUN
+from gateway.recording.schema import LINE, RAW, UTC, read_raw
+from gateway.schema import build
+from gateway.utc import UtcSample
+
+MAX_RECORD = 64 * 1024 * 1024
+"""A longer record than any recording holds is a damaged length."""
+REPORTS: dict[str, Topic] = {
+    "/nav": "nav",
+    "/innovation": "innovation",
+    "/calibration": "calibration",
+    "/status": "status",
+}
+
+_DAMAGE = (
+    McapError,
+    CRCValidationError,
+    zstandard.ZstdError,
+    struct.error,
+    msgspec.MsgspecError,
+    ValueError,
+)
+
+
+@dataclass(slots=True)
+class RecordingCounts:
+    """What was found in a recording.
+
+    ``unclosed`` files have no end: their writer was killed, or their disk failed. ``missing``
+    events were never written, ``repeated`` ones are in two files.
+    """
+
+    file_bytes: int = 0
+    """Read so far."""
+    files: int = 0
+    unclosed: int = 0
+    events: int = 0
+    missing: int = 0
+    repeated: int = 0
+
+
+class _Part(NamedTuple):
+    """One file and what its beginning says."""
+
+    path: Path
+    run: str
+    sequence: int
+    rate_hz: float
+    software: str
+    utc: UtcSample | None
+    config: bytes
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the file begins as MCAP does; OSError where it cannot be read."""
+    if not path.is_file():
+        return False  # of a pipe what is read is gone
+    with path.open("rb") as file:
+        return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+
+
+class RecordedRun:
+    """The recording of one run of the daemon, in one file or several.
+
+    Parameters
+    ----------
+    paths
+        Its files, in any order.
+
+    Raises
+    ------
+    CaptureError
+        For a file that is no recording of the gateway's, and files of several runs.
+
+    Attributes
+    ----------
+    paths
+        Its files in their order.
+    rate_hz
+        Of the solutions.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._parts = sorted((_begin(path) for path in paths), key=lambda part: part.sequence)
+        first = self._parts[0]
+        for part in self._parts:
+            if part.run != first.run:
+                raise CaptureError(
+                    f"{part.path}: of another run of the gateway than {first.path}; each run is"
+                    " replayed by itself"
+                )
+        self.paths = [part.path for part in self._parts]
+        self.rate_hz = first.rate_hz
+        self.counts = RecordingCounts(files=len(self._parts), missing=first.sequence)
+
+    def config(self) -> Config:
+        """The configuration that the daemon ran with.
+
+        Raises
+        ------
+        ConfigError
+            Where another version wrote it, of which this one does not know every key.
+        """
+        part = self._parts[0]
+        faults: list[str] = []
+        config = build(Config, msgspec.json.decode(part.config), faults)
+        if config is None:
+            said = "; ".join(faults)
+            raise ConfigError(f"{part.path}: recorded by {part.software}: {said}; give one with -c")
+        return config
+
+    def events(self) -> Iterator[Event]:
+        """Every event once.
+
+        Raises
+        ------
+        CaptureError
+            Where a file is damaged, after what comes before. That one has no end is none.
+        """
+        due = self._parts[0].sequence
+        for part in self._parts:
+            if part.utc is not None:
+                yield part.utc
+            for number, event in self._numbered(part):
+                ahead = (number - due + (1 << 31)) % (1 << 32) - (1 << 31)
+                if ahead < 0:
+                    self.counts.repeated += 1
+                    continue
+                self.counts.missing += ahead
+                due += ahead + 1
+                self.counts.events += 1
+                yield event
+
+    def _numbered(self, part: _Part) -> Iterator[tuple[int, Event]]:
+        """The events with their numbers modulo 2**32, without what the writer made of them."""
+        topics: dict[int, str] = {}
+        before = self.counts.file_bytes
+        with part.path.open("rb") as file:
+            try:
+                for record in _reader(file).records:
+                    if isinstance(record, Message):
+                        self.counts.file_bytes = before + file.tell()
+                        topic = topics.get(record.channel_id)
+                        if topic is not None:
+                            yield record.sequence, _event(topic, record)
+                    elif isinstance(record, Channel) and _is_of_events(record.topic):
+                        topics[record.id] = record.topic
+            except EndOfFile:
+                self.counts.unclosed += 1
+            except _DAMAGE as error:
+                raise _damaged(part.path, file, error) from error
+
+
+class _Whole:
+    """A file as the library wants it, of which a read is whole or the end."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EndOfFile
+        return data
+
+
+def _reader(file: BinaryIO) -> StreamReader:
+    whole = cast("BinaryIO", _Whole(file))
+    return StreamReader(whole, validate_crcs=True, record_size_limit=MAX_RECORD)
+
+
+def _begin(path: Path) -> _Part:
+    """What a file says before its first message."""
+    about: dict[str, str] | None = None
+    with path.open("rb") as file:
+        try:
+            for record in _reader(file).records:
+                if isinstance(record, Metadata) and record.name == RUN:
+                    about = record.metadata
+                elif isinstance(record, Attachment) and record.name == CONFIG and about:
+                    return _part(path, about, record.data)
+                elif isinstance(record, Message):
+                    break
+        except EndOfFile:
+            raise CaptureError(f"{path}: cut off before its first event") from None
+        except _DAMAGE as error:
+            raise _damaged(path, file, error) from error
+    raise CaptureError(f"{path}: not a recording of usblnav")
+
+
+def _part(path: Path, about: dict[str, str], config: bytes) -> _Part:
+    try:
+        utc = None
+        if "utc_from_ns" in about:
+            utc = UtcSample(int(about["utc_from_ns"]), int(about["utc_offset_ns"]))
+        sequence, rate_hz = int(about["sequence"]), float(about["rate_hz"])
+        return _Part(path, about["run"], sequence, rate_hz, about["software"], utc, config)
+    except (KeyError, ValueError) as error:
+        raise CaptureError(f"{path}: damaged (what it says of its run)") from error
+
+
+def _is_of_events(topic: str) -> bool:
+    return topic.startswith((RAW, LINE)) or topic == UTC or topic in REPORTS
+
+
+def _event(topic: str, message: Message) -> Event:
+    if topic.startswith(RAW):
+        t_rx_ns, chunk = read_raw(message.data)
+        return Raw(topic.removeprefix(RAW), t_rx_ns, chunk)
+    if topic == UTC:
+        return msgspec.json.decode(message.data, type=UtcSample)
+    if topic.startswith(LINE):
+        return msgspec.json.decode(message.data, type=LineEvent)
+    return Report(REPORTS[topic], message.log_time, message.data)
+
+
+def _damaged(path: Path, file: BinaryIO, error: Exception) -> CaptureError:
+    return CaptureError(
+        f"{path}: damaged before byte {file.tell()} ({error or type(error).__name__})"
+    )

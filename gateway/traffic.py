@@ -1,0 +1,161 @@
+"""What a replay is made from: packets of captures, or the recording of a run, device by device."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from drivers.capture.files import CaptureError
+from drivers.capture.streams import CaptureCounts, Payload, read_streams
+from gateway.config import Config
+from gateway.errors import ConfigError, UsblnavError
+from gateway.recording.events import Raw
+from gateway.recording.reader import RecordedRun, RecordingCounts, is_recording
+from gateway.utc import UtcHistory, UtcSample
+
+DEFAULT_RATE_HZ = 10.0
+
+
+class Traffic(ABC):
+    """The payloads of the configured devices, to their end or to where they cannot be read further.
+
+    Attributes
+    ----------
+    config, rate_hz
+        What they are replayed with; solutions a second.
+    utc
+        Unix time of their arrival times.
+    fault
+        Why they ended early, or None.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        counts: CaptureCounts | RecordingCounts,
+        config: Config,
+        rate_hz: float,
+    ) -> None:
+        self.config, self.rate_hz = config, rate_hz
+        self.utc = UtcHistory()
+        self.fault: CaptureError | None = None
+        self._counts = counts
+        self._stored = sum(map(_size, paths))
+        self._first_ns: int | None = None
+        self._last_ns = 0
+
+    def __iter__(self) -> Iterator[Payload]:
+        try:
+            for payload in self._payloads():
+                if self._first_ns is None:
+                    self._first_ns = payload[2]
+                self._last_ns = payload[2]
+                yield payload
+        except CaptureError as error:
+            self.fault = error
+
+    @property
+    def seconds(self) -> float:
+        """From the first arrival to the last."""
+        return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) * 1e-9
+
+    @property
+    def share(self) -> float:
+        """Which part of the files was read."""
+        return self._counts.file_bytes / self._stored
+
+    @abstractmethod
+    def told(self) -> dict[str, Any]:
+        """What was found so far, for the summary."""
+
+    @abstractmethod
+    def _payloads(self) -> Iterator[Payload]:
+        """In the order in which they were heard; raises `CaptureError`, also for none at all."""
+
+
+def open_traffic(paths: Sequence[Path], config: Config | None, rate_hz: float | None) -> Traffic:
+    """Open captures, or the files of one recording.
+
+    Parameters
+    ----------
+    config, rate_hz
+        None takes those of the recording.
+
+    Raises
+    ------
+    ConfigError
+        For captures without a configuration, and captures beside recordings.
+    UsblnavError
+        For what cannot be read.
+    """
+    recordings = [path for path in paths if is_recording(path)]
+    if not recordings:
+        if config is None:
+            raise ConfigError("-c: missing; only a recording holds its configuration")
+        return _Captures(paths, config, rate_hz or DEFAULT_RATE_HZ)
+    if len(recordings) < len(paths):
+        raise ConfigError("captures and recordings cannot be replayed together")
+    try:
+        run = RecordedRun(recordings)
+    except CaptureError as error:
+        raise UsblnavError(str(error)) from error
+    return _Recording(run, config or run.config(), rate_hz or run.rate_hz)
+
+
+class _Captures(Traffic):
+    """Packets, of which links tell whose they are."""
+
+    def __init__(self, paths: Sequence[Path], config: Config, rate_hz: float) -> None:
+        self._found = CaptureCounts()
+        self._paths = paths
+        super().__init__(paths, self._found, config, rate_hz)
+
+    def told(self) -> dict[str, Any]:
+        return {"capture": msgspec.to_builtins(self._found)}
+
+    def _payloads(self) -> Iterator[Payload]:
+        links = {name: device.link for name, device in self.config.devices.items()}
+        yield from read_streams(self._paths, links, self._found)
+        if not self._found.selected:
+            raise CaptureError(
+                f"{', '.join(map(str, self._paths))}: no packet for any device of the configuration"
+                f" ({self._found.packets} packets read)"
+            )
+
+
+class _Recording(Traffic):
+    """The chunks that the daemon took, by the names of their devices."""
+
+    def __init__(self, run: RecordedRun, config: Config, rate_hz: float) -> None:
+        self._run = run
+        self._chunks = {"selected": 0, "not_selected": 0}
+        super().__init__(run.paths, run.counts, config, rate_hz)
+
+    def told(self) -> dict[str, Any]:
+        return {"recording": msgspec.to_builtins(self._run.counts) | {"chunks": self._chunks}}
+
+    def _payloads(self) -> Iterator[Payload]:
+        for event in self._run.events():
+            if isinstance(event, UtcSample):
+                self.utc.note(event)
+            elif isinstance(event, Raw):
+                known = event.device in self.config.devices
+                self._chunks["selected" if known else "not_selected"] += 1
+                if known:
+                    yield event.device, event.data, event.t_rx_ns
+        if not self._chunks["selected"]:
+            raise CaptureError(
+                f"{self._run.paths[0]}: no bytes for any device of the configuration"
+                f" ({self._run.counts.events} events read)"
+            )
+
+
+def _size(path: Path) -> float:
+    """Bytes of a file; of a pipe, or what cannot be read, there is no telling."""
+    try:
+        return path.stat().st_size or math.inf
+    except OSError:
+        return math.inf
