@@ -99,13 +99,13 @@ class _Daemon:
             self._sample_utc()
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(self._host.run(), name="filter")]
-                tasks += [group.create_task(self._ready()), group.create_task(self._watch())]
                 tasks += [group.create_task(self._until_ended(feed)) for feed in self._feeds]
-                readers = [group.create_task(self._read(line)) for line in self._lines]
-                readers += [group.create_task(self._feel(line)) for line in self._lines]
+                sources = [group.create_task(self._ready()), group.create_task(self._watch())]
+                sources += [group.create_task(self._read(line)) for line in self._lines]
+                sources += [group.create_task(self._feel(line)) for line in self._lines]
                 await self._stop.wait()
                 systemd.notify_stopping()
-                for task in readers:
+                for task in sources:
                     task.cancel()
                 await self._host.drain()
                 for task in tasks:
