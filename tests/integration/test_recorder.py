@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +73,10 @@ def writers() -> list[int]:
     """Process ids of living writers of this process."""
     found = []
     for task in Path("/proc/self/task").iterdir():
-        for pid in (task / "children").read_text().split():
-            command = Path(f"/proc/{pid}/cmdline").read_bytes()
-            found += [int(pid)] if b"gateway.recording.writer" in command else []
+        with suppress(FileNotFoundError, ProcessLookupError):  # threads and processes end
+            for pid in (task / "children").read_text().split():
+                command = Path(f"/proc/{pid}/cmdline").read_bytes()
+                found += [int(pid)] if b"gateway.recording.writer" in command else []
     return found
 
 
