@@ -15,7 +15,7 @@ import msgspec
 
 from gateway.config import Config, Recording
 from gateway.filter_process.channel import MAX_MESSAGE, pair
-from gateway.filter_process.host import ending
+from gateway.filter_process.launcher import ending
 from gateway.health import HealthReport
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
 from gateway.outputs.sinks import SinkStatus
