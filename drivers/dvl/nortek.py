@@ -17,7 +17,7 @@ import msgspec
 from msgspec import UNSET
 
 from drivers.codec import Codec, Decoder
-from drivers.fields import number
+from drivers.fields import number, numbers
 from drivers.framing import UnreadableError
 from drivers.nmea0183 import Checksum
 from drivers.records import DvlRecord, Record
@@ -74,14 +74,14 @@ def _tagged(fields: Fields, _options: NortekOptions, heard: Heard) -> DvlRecord:
 
 
 def _bottom_track(values: Fields, heard: Heard) -> DvlRecord:
-    _, dt2, x, y, z, merit = (number(text) for text in values[1:7])
-    distances = [d for d in (number(text, 0) for text in values[7:11]) if d]
+    time_s, _, dt2, x, y, z, merit, *vertical = numbers(values[:11])
+    distances = [distance for distance in vertical if distance > 0.0]
     bad = NONE_M_S in (x, y, z) or not 0.0 <= merit < NO_MERIT
     return DvlRecord(
         **heard,
         age_s=-dt2 * MILLI if -AGE_MAX_MS < dt2 < 0.0 else UNSET,
         velocity_m_s=None if bad else (x, y, z),
-        t_device_s=number(values[0], 0, 1e11),
+        t_device_s=time_s,
         valid=not bad,
         error_code="no_lock" if bad else None,
         altitude_m=sum(distances) / len(distances) if distances else None,

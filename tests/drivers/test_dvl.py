@@ -424,6 +424,12 @@ def test_nortek_that_is_none(address, fields):
     assert read("nortek-dvl", sentence(address, fields, longest=300)).reason == "syntax"
 
 
+def test_nortek_beyond_all_numbers():
+    fields = [field.partition("=")[2] for field in TAGGED]
+    fields[3] = "9" * 400
+    assert read("nortek-dvl", sentence("PNORBT7", fields, longest=600)).reason == "range"
+
+
 def test_nortek_of_the_water_is_as_it_is():
     assert isinstance(read("nortek-dvl", sentence("PNORWT7", ("1", "2"))), NmeaSentence)
 
