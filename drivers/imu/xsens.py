@@ -50,7 +50,17 @@ _NUMBERS = [
     {size: Struct(f">{size}{kind}") for size in (1, 3, 4)} for kind in ("f", "i", "Ih", "d")
 ]
 _NUMBERS[2] = {size: Struct(">" + size * "Ih") for size in (1, 3, 4)}
-_SIZES = {COUNTER: 2, TIME: 4, STATUS: 4}
+_COUNTS = {TEMPERATURE: 1, DELTA_V: 3, ACCEL: 3, GYRO: 3, DELTA_Q: 4}
+_INTEGERS = {COUNTER: 2, TIME: 4, STATUS: 4}
+_SIZES = {
+    **_INTEGERS,
+    **{
+        kind | digit: _NUMBERS[digit & 3][count].size
+        for kind, count in _COUNTS.items()
+        for digit in range(16)
+    },
+}
+"""Bytes of each item that is looked at, by its id with its format."""
 _ZERO = (0.0, 0.0, 0.0)
 
 Items = dict[int, tuple[int, int]]
@@ -129,22 +139,13 @@ def _items(message: bytes) -> Items | None:
     items: Items = {}
     while at + 3 <= end:
         identifier, length = message[at] << 8 | message[at + 1], message[at + 2]
-        kind = identifier & 0xFFF0
-        size = _sizes(kind, identifier)
-        if size is not None and size != length:
+        if _SIZES.get(identifier, length) != length:
             return None
-        items[kind] = identifier, at + 3
+        items[identifier & 0xFFF0] = identifier, at + 3
         at += 3 + length
     return items if at == end else None
 
 
-def _sizes(kind: int, identifier: int) -> int | None:
-    """Bytes an item must have; None if its content is not looked at."""
-    count = _COUNTS.get(kind)
-    return _SIZES.get(kind) if count is None else _NUMBERS[identifier & 3][count].size
-
-
-_COUNTS = {TEMPERATURE: 1, DELTA_V: 3, ACCEL: 3, GYRO: 3, DELTA_Q: 4}
 _ORDERS: dict[Prefer, tuple[tuple[int, int], tuple[int, int]]] = {
     "increments": ((DELTA_Q, GYRO), (DELTA_V, ACCEL)),
     "rates": ((GYRO, DELTA_Q), (ACCEL, DELTA_V)),
@@ -170,7 +171,11 @@ def _sample(
     t_rx_ns: int,
     line_bytes: int,
 ) -> tuple[Record | Rejected]:
-    turning, moving = (next((kind for kind in pair if kind in items), 0) for pair in order)
+    (turning, turning_else), (moving, moving_else) = order
+    if turning not in items:
+        turning = turning_else if turning_else in items else 0
+    if moving not in items:
+        moving = moving_else if moving_else in items else 0
     if not (turning or moving):
         return other("MTData2 without inertial data", message, t_rx_ns, line_bytes)
     gyro: Vec3 | UnsetType = UNSET
@@ -187,7 +192,8 @@ def _sample(
     is_real = warm is None or isfinite(warm)
     if not (is_real and plausible(gyro or _ZERO, accel or _ZERO)):
         return out_of_range(message, t_rx_ns, line_bytes)
-    counter, ticks, status = (_integer(message, items, kind) for kind in (COUNTER, TIME, STATUS))
+    counter, ticks = _integer(message, items, COUNTER), _integer(message, items, TIME)
+    status = _integer(message, items, STATUS)
     record = ImuRecord(
         t_rx_ns=t_rx_ns,
         line_bytes=line_bytes,
@@ -207,7 +213,7 @@ def _integer(message: bytes, items: Items, kind: int) -> int | None:
     if kind not in items:
         return None
     _, at = items[kind]
-    return int.from_bytes(message[at : at + _SIZES[kind]], "big")
+    return int.from_bytes(message[at : at + _INTEGERS[kind]], "big")
 
 
 def _rotation_vector(w: float, x: float, y: float, z: float) -> Vec3:

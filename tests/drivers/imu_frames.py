@@ -9,10 +9,18 @@ from drivers.imu.kvh import KVH1750, KvhOptions
 from drivers.imu.mip import MIP
 from drivers.imu.novatel.logs import NOVATEL_SPAN, NovatelOptions
 from drivers.imu.sbg import SBG_ECOM
+from drivers.imu.stdbin.telegrams import STDBIN, StdbinOptions
 from drivers.imu.stim300 import Stim300Options
 from drivers.imu.vectornav import VECTORNAV
 from drivers.imu.xsens import XSENS_MTDATA2
-from drivers.records import CompensatedRecord, DeviceStatus, ImuRecord
+from drivers.records import (
+    CompensatedRecord,
+    DeviceStatus,
+    DvlRecord,
+    HeadingRecord,
+    ImuRecord,
+    UsblRecord,
+)
 
 
 def _imu(sequence: int, **more: object) -> ImuRecord:
@@ -108,6 +116,20 @@ def _rated(codec: Codec) -> list[bytes]:
     ]
 
 
+def _stdbin() -> list[bytes]:
+    aided = [
+        HeadingRecord(t_rx_ns=0, t_device_s=12.5, heading_deg=123.5, roll_deg=1.5, pitch_deg=-2.5),
+        UsblRecord(t_rx_ns=0, t_device_s=12.0, age_s=0.5, beacon="ABC", lat_deg=48.5, lon_deg=-4.5),
+        DvlRecord(t_rx_ns=0, t_device_s=12.25, age_s=0.25, velocity_m_s=(1.5, -0.5, 0.25)),
+    ]
+    return [
+        STDBIN.encode(_rates(7, t_device_s=12.5, temperature_c=31.5), StdbinOptions()),
+        STDBIN.encode(_rates(8, t_device_s=12.51), StdbinOptions(version=3)),
+        *(STDBIN.encode(record, StdbinOptions(version=4)) for record in aided),
+        STDBIN.encode(_rates(9, t_device_s=12.52), StdbinOptions()),
+    ]
+
+
 IMU = {
     "kvh1750": _kvh(),
     "stim300": _stim300(),
@@ -117,4 +139,5 @@ IMU = {
     "mip": _either(MIP),
     "sbg-ecom": _rated(SBG_ECOM),
     "anpp": _rated(ANPP),
+    "stdbin": _stdbin(),
 }

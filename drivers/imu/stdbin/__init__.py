@@ -1,0 +1,1 @@
+"""iXblue and Exail STDBIN: the binary telegrams of PHINS, ROVINS, HYDRINS, OCTANS and their kin."""
