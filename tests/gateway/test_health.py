@@ -8,9 +8,10 @@ import pytest
 
 from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
-from gateway.filter_process.host import FilterHost
+from gateway.filter_process.host import FilterHost, most_kept
 from gateway.health import FIRST_S, FLOWING_S, LOSS_OVER_S, SILENT_S, Health, Line
 from gateway.ingest import intakes
+from gateway.messages import Stationary
 from gateway.modes import Mode
 from gateway.outputs.schema import NavReport, nav_report
 from gateway.schema import build
@@ -28,8 +29,8 @@ class Setting:
         ways_in = intakes(config)
         self.imu = Line("imu0", "imu", "kvh1750", ways_in["imu0"])
         self.usbl = Line("usbl0", "usbl", "tracklink-lxt", ways_in["usbl0"])
-        host = FilterHost(config, 10.0, print)
-        self.health = Health("ship", [self.imu, self.usbl], host, [], clock=lambda: self.now)
+        self.config, self.host = config, FilterHost(config, 10.0, print)
+        self.health = Health("ship", [self.imu, self.usbl], self.host, [], clock=lambda: self.now)
 
     def later(self, seconds: float) -> None:
         """Let time pass, with a look at it every tenth of a second."""
@@ -173,7 +174,8 @@ def test_a_queue_that_overflows_is_said_once_and_its_end_too(
     for _ in range(3):
         setting.imu.link.kernel_dropped += 5
         setting.later(LOSS_OVER_S / 2)
-    setting.health._host.status.dropped = 7
+    for n in range(most_kept(setting.config) + 7):  # there is no worker to take them
+        setting.host.send(Stationary(n, "imu0", 0.01))
     setting.later(0.2)
     assert said() == [
         "imu0: the system's buffer is full, data is dropped and counted",
