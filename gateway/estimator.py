@@ -32,7 +32,8 @@ from gateway.messages import (
     SavedState,
 )
 from gateway.modes import Mode
-from gateway.timeline import Note, OrderCounts, Timeline
+from gateway.order import OrderCounts, Refusal
+from gateway.timeline import Note, Timeline
 
 CALIBRATION_PERIOD_NS = 1_000_000_000
 
@@ -125,15 +126,25 @@ class Estimator:
             fixes_gated=memory.gated,
             fixes_late=order.late,
             fixes_too_late=order.too_late,
+            fixes_too_early=order.too_early,
             fixes_duplicate=order.duplicate,
             resets=self._resets,
         )
 
+    def finish(self) -> Iterator[FilterOutput]:
+        """Give what remains when no more measurements will come."""
+        yield from self._timeline.finish()
+
     def _begin(self, memory: Memory, after: Note | None = None) -> None:
         """Start a filter and a history, empty but for what a note tells."""
         self._filter = self._engine(initial.model(self._config), memory)
+        choice = self._config.filter
         self._timeline: Timeline[Innovation] = Timeline(
-            self._filter, self._config.imu[1].rate_hz, self._config.filter.history_s, after=after
+            self._filter,
+            self._config.imu[1].rate_hz,
+            choice.history_s,
+            ahead_s=choice.max_gap_s,
+            after=after,
         )
         self._noted: deque[_Totals] = deque()
 
@@ -146,7 +157,8 @@ class Estimator:
         memory = replace(memory_of(at.state), origin_e=np.array(at.origin_e))
         self._sound = memory.state.copy()
         known = tuple((fix.t_ns, _key(fix), fix) for fix in at.fixes)
-        order = OrderCounts(at.fixes_late, at.fixes_too_late, at.fixes_duplicate)
+        counts = at.fixes_late, at.fixes_too_late, at.fixes_too_early, at.fixes_duplicate
+        order = OrderCounts(*counts)
         past = {t_ns: np.frombuffer(row).copy() for t_ns, row in at.past.items()}
         self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, order, past=past))
 
@@ -162,13 +174,15 @@ class Estimator:
         self._begin(memory)
         self._timeline.counts = order
 
-    def _begin_again(self) -> None:
+    def _begin_again(self) -> Iterator[Innovation]:
         """Start at the last sound state with the configured uncertainty."""
         sound, fresh = self._sound, initial.initial_state(self._config)
         self._resets += 1
-        order = self._timeline.counts
+        before = self._timeline
         self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, fresh.P, fresh.columns)))
-        self._timeline.counts = order
+        self._timeline.counts = before.counts
+        for fix in before.waiting():
+            yield from self._feed_fix(fix)
 
     def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
         """Run over a block, pausing at every sample after which a solution is due."""
@@ -206,14 +220,13 @@ class Estimator:
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
+        verdicts: list[Innovation] | Refusal
         if self._away is None:
             verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
         else:  # it is of the time away
-            self._timeline.counts.too_late += 1
-            verdicts = None
-        if verdicts is None:
-            nan = float("nan")
-            yield Innovation(fix.t_ns, fix.device, fix.beacon, (), nan, False, "late_or_duplicate")
+            verdicts = self._timeline.counts.refuse(Refusal.TOO_LATE)
+        if isinstance(verdicts, Refusal):
+            yield _refused(fix, verdicts)
         else:
             yield from verdicts
 
@@ -237,7 +250,7 @@ class Estimator:
         memory = self._filter.memory
         if not memory.state.is_sound():
             yield self._solution(self._sound, t_ns, Mode.FAULT, None)
-            self._begin_again()
+            yield from self._begin_again()
             return
         age_ns = None if memory.t_used_ns is None else t_ns - memory.t_used_ns
         yield self._solution(memory.state, t_ns, self._mode(age_ns), age_ns)
@@ -282,6 +295,7 @@ class Estimator:
             imu_samples=at.imu_samples,
             fixes_late=note.order.late,
             fixes_too_late=note.order.too_late,
+            fixes_too_early=note.order.too_early,
             fixes_duplicate=note.order.duplicate,
             resets=self._resets,
         )
@@ -297,6 +311,11 @@ class Estimator:
         if age_ns is None:
             return Mode.ALIGNING
         return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING
+
+
+def _refused(fix: Fix, why: str) -> Innovation:
+    """Verdict on a fix that the filter does not see."""
+    return Innovation(fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, why)
 
 
 def _key(fix: Fix) -> str:

@@ -218,6 +218,7 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
     fixes_gated: int
     fixes_late: int
     fixes_too_late: int
+    fixes_too_early: int
     fixes_duplicate: int
     resets: int
 
@@ -266,6 +267,7 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     imu_samples: int
     fixes_late: int
     fixes_too_late: int
+    fixes_too_early: int
     fixes_duplicate: int
     resets: int
 

@@ -76,7 +76,7 @@ class ForwardPass:
 
     def finish(self) -> Iterator[FilterOutput]:
         """Give what remains when all measurements were fed."""
-        return iter(())
+        return self._estimator.finish()
 
     def counts(self) -> FilterCounts:
         """Totals of the filter."""

@@ -196,6 +196,7 @@ class _Run:
             "gated": totals.fixes_gated,
             "late": totals.fixes_late,
             "too_late": totals.fixes_too_late,
+            "too_early": totals.fixes_too_early,
             "duplicate": totals.fixes_duplicate,
             "resets": totals.resets,
             "mean_nis": _rounded(nis, 4),

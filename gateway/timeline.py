@@ -5,10 +5,14 @@ or, when it is late, the engine goes back to a snapshot before it and runs again
 samples with every measurement in order: the result is that of the run in which nothing was late.
 A measurement between two samples splits the increment of the sample that covers it.
 
+Where there is much to run again it is done in slices, one for each new sample, while the newest
+state goes on without the measurement; when the rerun has caught up, it is the newest state. What
+comes out depends on the order of samples and measurements, never on time spent.
+
 The timeline knows order and time only; what a measurement means is the engine's business.
 """
 
-from bisect import bisect_left, bisect_right, insort
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
@@ -16,6 +20,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from gateway.history import N_TRACK, Array, History, Past, Times
+from gateway.order import Entry, Order, OrderCounts, Refusal
 
 Verdict = TypeVar("Verdict", covariant=True)
 V = TypeVar("V")
@@ -24,10 +29,16 @@ SNAPSHOT_S = 0.25
 """Distance of snapshots: going back costs at most this much more than needed."""
 LOOK_BACK_S = 8.0
 """How far before a measurement the track reaches, for the moment a ping left."""
+ALL = NEVER = 1 << 62
+"""No bound on the work; no moment."""
 CHUNK = 1024
 """Samples taken at once: a longer block must not push out the history that it needs."""
-MAX_NOTES = 64
-"""Notes that may wait to be settled; of more the oldest are forgotten."""
+SLICE = 400
+"""Samples run again at once: half a millisecond."""
+UPDATE = 200
+"""Samples for which a measurement counts."""
+MAX_WAITING = 1000
+"""Measurements that may wait for the samples to reach them."""
 
 
 class Track(Protocol):
@@ -67,29 +78,11 @@ class Engine(Protocol[Verdict]):
 
 
 @dataclass
-class _Entry:
-    """A measurement in its place: by time, then by `key`, so that ties do not depend on arrival."""
+class _Rerun:
+    """History being run again: how far it is, and the engine's state there."""
 
-    t_ns: int
-    key: str
-    measurement: Any
-    reported: bool = False
-    asked: dict[int, Array] = field(default_factory=dict)
-    """What its model asked about the past when it was last applied."""
-
-    @property
-    def identity(self) -> tuple[int, str]:
-        """What orders entries and tells duplicates."""
-        return self.t_ns, self.key
-
-
-@dataclass
-class OrderCounts:
-    """Counts of what arrived out of order."""
-
-    late: int = 0
-    too_late: int = 0
-    duplicate: int = 0
+    count: int
+    state: Any
 
 
 @dataclass
@@ -138,6 +131,10 @@ class Timeline(Generic[V]):
         Lag within which a measurement may still come.
     snapshot_s
         Distance of snapshots; where little comes late, fewer are faster.
+    ahead_s
+        How far ahead of the samples a measurement may lie; None is no bound, nor on their number.
+    slice_
+        Samples run again for each new one; None runs all of them at once.
     after
         A settled note of another timeline, whose state the engine has; all samples and
         measurements that came after it are to follow in the order of their arrival.
@@ -149,18 +146,24 @@ class Timeline(Generic[V]):
         rate_hz: float,
         history_s: float,
         snapshot_s: float = SNAPSHOT_S,
+        ahead_s: float | None = None,
+        slice_: int | None = SLICE,
         after: Note | None = None,
     ) -> None:
         self._engine = engine
         self._lag_ns = int(history_s * 1e9)
+        self._ahead_ns = None if ahead_s is None else int(ahead_s * 1e9)
         self._look_back_ns = int(LOOK_BACK_S * 1e9)
         self._stride = max(1, round(snapshot_s * rate_hz))
         self._history = History(rate_hz, history_s + LOOK_BACK_S, after.count if after else 0)
         self._began_ns: int | None = None
         self._first_ns = 0  # what lies before is in the state that the engine began with
         self._snapshots: deque[tuple[int, Any]] = deque()  # (samples consumed, state)
-        self._entries: list[_Entry] = []  # every measurement of the lag, applied or waiting
-        self._notes: deque[Note] = deque()
+        self._order = Order()  # every measurement of the lag, applied or waiting
+        self._slice = ALL if slice_ is None else slice_
+        self._rerun: _Rerun | None = None
+        self._again_ns = NEVER  # of what came late behind the rerun
+        self._notes: list[Note] = []
         self.counts = OrderCounts()
         if after is not None:
             self._take_over(after)
@@ -188,10 +191,10 @@ class Timeline(Generic[V]):
             self._forget()
             head = self._history.count
             self._history.append(t_ns[part], rows[part], self._snapshots[0][0])
-            verdicts += self._run(head)
+            self._advance(head, verdicts)
         return verdicts
 
-    def insert(self, measurement: Any, t_ns: int, key: str) -> list[V] | None:
+    def insert(self, measurement: Any, t_ns: int, key: str) -> list[V] | Refusal:
         """Take a measurement; give the verdicts it leads to, now or (an empty list) later.
 
         Parameters
@@ -206,25 +209,27 @@ class Timeline(Generic[V]):
         Returns
         -------
         verdicts
-            None when it was not taken: a duplicate, or older than the lag (see `counts`).
+            Or why it was not taken, which `counts` counts.
         """
         head = self.t_head_ns
         if head is not None and (t_ns < head - self._lag_ns or t_ns <= self._began()):
-            self.counts.too_late += 1
-            return None
-        entry = _Entry(t_ns, key, measurement)
-        at = bisect_left(self._entries, entry.identity, key=lambda e: e.identity)
-        if at < len(self._entries) and self._entries[at].identity == entry.identity:
-            self.counts.duplicate += 1
-            return None
-        insort(self._entries, entry, key=lambda e: e.identity)
+            return self.counts.refuse(Refusal.TOO_LATE)
+        entry = Entry(t_ns, key, measurement)
+        if self._is_too_early(t_ns, head):
+            return self.counts.refuse(Refusal.TOO_EARLY)
+        if not self._order.add(entry):
+            return self.counts.refuse(Refusal.DUPLICATE)
         if head is None or t_ns > head:
             return []
         self.counts.late += 1
+        verdicts: list[V] = []
         if t_ns <= self._first_ns:
             entry.reported = True
-            return []
-        return self._run(self._rewind(t_ns))
+        elif self._rerun is None:
+            self._go_back(t_ns, self._history.count, verdicts)
+        elif t_ns <= self._history.t_ns(self._rerun.count):
+            self._again_ns = min(self._again_ns, t_ns)
+        return verdicts
 
     def at(self, t_ns: int) -> Array:
         """Track at a moment before the newest sample."""
@@ -236,13 +241,11 @@ class Timeline(Generic[V]):
         count = self._history.count
         t_ns = self._history.t_ns(count)
         known = tuple(
-            (e.t_ns, e.key, e.measurement) for e in self._entries if e.t_ns >= t_ns - self._lag_ns
+            (e.t_ns, e.key, e.measurement) for e in self._order if e.t_ns >= t_ns - self._lag_ns
         )
         note = Note(count, t_ns, self._began(), known, replace(self.counts))
         self._notes.append(note)
-        if len(self._notes) > MAX_NOTES:
-            self._notes.popleft()
-        if self._snapshots[-1][0] < count:
+        if self._rerun is None and self._snapshots[-1][0] < count:
             self._snapshots.append((count, self._engine.save()))
         return note
 
@@ -256,13 +259,36 @@ class Timeline(Generic[V]):
         while self._notes and head is not None:
             note = self._notes[0]
             asked_until = note.t_ns + self._look_back_ns
-            if note.state is None or head < asked_until + self._lag_ns:
+            final_ns = min(head - self._lag_ns, self._again_ns)
+            if self._rerun is not None:
+                final_ns = min(final_ns, self._history.t_ns(self._rerun.count))
+            if note.state is None or final_ns < asked_until:
                 break
-            for entry in self._entries:
+            for entry in self._order:
                 if note.t_ns < entry.t_ns <= asked_until:
                     note.past |= {t: row for t, row in entry.asked.items() if t < note.t_ns}
-            found = self._notes.popleft()
+            found = self._notes.pop(0)
         return found
+
+    def finish(self) -> list[V]:
+        """Run to its end what is being run again; give the verdicts."""
+        verdicts: list[V] = []
+        while self._rerun is not None:
+            self._catch_up(self._rerun, self._history.count, verdicts)
+        return verdicts
+
+    def waiting(self) -> list[Any]:
+        """Measurements without a verdict, in their order."""
+        return [entry.measurement for entry in self._order if not entry.reported]
+
+    def _is_too_early(self, t_ns: int, head: int | None) -> bool:
+        """Whether a measurement would wait too long, or with too many."""
+        if self._ahead_ns is None or (head is not None and t_ns <= head):
+            return False
+        if head is not None and t_ns > head + self._ahead_ns:
+            return True
+        waiting = len(self._order) - (0 if head is None else self._order.after(head))
+        return waiting >= MAX_WAITING
 
     def _began(self) -> int:
         """Moment before the first sample of all."""
@@ -273,9 +299,9 @@ class Timeline(Generic[V]):
         """Set the moment of the state that the engine begins with."""
         self._began_ns = self._first_ns = t_ns
         self._begin_history(t_ns)
-        stale = bisect_right(self._entries, t_ns, key=lambda e: e.t_ns)
+        stale = self._order.after(t_ns)
         self.counts.too_late += stale
-        del self._entries[:stale]
+        self._order.forget(stale)
 
     def _begin_history(self, t_ns: int) -> None:
         """Make the engine's state the one before the first sample."""
@@ -289,58 +315,91 @@ class Timeline(Generic[V]):
         self._began_ns, self._first_ns = note.began_ns, note.t_ns
         self._begin_history(note.t_ns)
         self._history.earlier = note.past
-        self._entries = [_Entry(*known, reported=known[0] <= note.t_ns) for known in note.known]
+        for t_ns, key, measurement in note.known:
+            self._order.add(Entry(t_ns, key, measurement, reported=t_ns <= note.t_ns))
         self.counts = replace(note.order)
 
-    def _rewind(self, t_ns: int) -> int:
-        """Go back to the newest snapshot before `t_ns`; give its count."""
-        while self._history.t_ns(self._snapshots[-1][0]) >= t_ns:
+    def _go_back(self, t_ns: int, head: int, verdicts: list[V]) -> None:
+        """Run again up to `head` from before a moment: at once where it is little."""
+        history, order = self._history, self._order
+        while history.t_ns(self._snapshots[-1][0]) >= t_ns:
             self._snapshots.pop()
-        count, saved = self._snapshots[-1]
-        self._engine.restore(saved)
-        return count
+        count, state = self._snapshots[-1]
+        updates = order.after(history.t_ns(head)) - order.after(history.t_ns(count))
+        if head - count + UPDATE * updates > self._slice:
+            self._rerun = _Rerun(count, state)
+        else:
+            self._engine.restore(state)
+            self._run(count, head, ALL, verdicts)
 
-    def _run(self, count: int) -> list[V]:
-        """Drive the engine from a count to the newest sample."""
-        verdicts: list[V] = []
-        history, entries = self._history, self._entries
-        i = bisect_right(entries, history.t_ns(count), key=lambda e: e.t_ns)
-        while count < history.count:
-            if i < len(entries) and entries[i].t_ns <= history.t_ns(count + 1):
-                i = self._run_split(count, i, verdicts)
+    def _advance(self, count: int, verdicts: list[V]) -> None:
+        """Carry the newest state on over the samples after a count, and the rerun with it."""
+        history = self._history
+        while self._rerun is not None and count < history.count:
+            self._engine.advance(history.rows(count, count + 1), history.track(count, count + 1))
+            count += 1
+            self._catch_up(self._rerun, count, verdicts)
+        if count < history.count:
+            self._run(count, history.count, ALL, verdicts)
+
+    def _catch_up(self, rerun: _Rerun, head: int, verdicts: list[V]) -> None:
+        """Run a slice; at `head` the rerun's state becomes the newest."""
+        newest = self._engine.save()
+        self._engine.restore(rerun.state)
+        rerun.count = self._run(rerun.count, head, self._slice, verdicts)
+        if rerun.count < head:
+            rerun.state = self._engine.save()
+            self._engine.restore(newest)
+            return
+        again_ns, self._again_ns, self._rerun = self._again_ns, NEVER, None
+        if again_ns < NEVER:
+            self._go_back(again_ns, head, verdicts)
+
+    def _run(self, count: int, stop: int, work: int, verdicts: list[V]) -> int:
+        """Drive the engine from a count to another, or until the work is done; say how far."""
+        history, order = self._history, self._order
+        i = order.after(history.t_ns(count))
+        all_of_it = work
+        while count < stop and work > 0:
+            if i < len(order) and order[i].t_ns <= history.t_ns(count + 1):
+                if work < min(UPDATE, all_of_it):
+                    break
+                before, i = i, self._run_split(count, i, verdicts)
+                work -= 1 + UPDATE * (i - before)
                 count += 1
             else:
-                stop = self._next_stop(count, i)
-                self._engine.advance(history.rows(count, stop), history.track(count, stop))
-                count = stop
+                upto = self._next_stop(count, min(stop, count + work), i)
+                self._engine.advance(history.rows(count, upto), history.track(count, upto))
+                work -= upto - count
+                count = upto
             if count % self._stride == 0 or self._next_note(count - 1) == count:
                 self._snapshots.append((count, self._engine.save()))
-        return verdicts
+        return count
 
-    def _next_stop(self, count: int, i: int) -> int:
+    def _next_stop(self, count: int, stop: int, i: int) -> int:
         """Count up to which the samples may run in one go, `i` being the next measurement."""
-        stop = min(self._history.count, count + self._stride - count % self._stride)
+        stop = min(stop, count + self._stride - count % self._stride)
         noted = self._next_note(count)
         if noted is not None:
             stop = min(stop, noted)
-        if i < len(self._entries):
+        if i < len(self._order):
             times = self._history.times(count, stop)
-            stop = min(stop, count + int(np.searchsorted(times, self._entries[i].t_ns)))
+            stop = min(stop, count + int(np.searchsorted(times, self._order[i].t_ns)))
         return stop
 
     def _next_note(self, count: int) -> int | None:
         """Count of the first note after a count."""
         if not self._notes or self._notes[-1].count <= count:
             return None
-        return next(note.count for note in self._notes if note.count > count)
+        return self._notes[bisect_right(self._notes, count, key=lambda note: note.count)].count
 
     def _run_split(self, count: int, i: int, verdicts: list[V]) -> int:
         """Run the sample after `count` with the measurements in it, from `i`; give the next."""
         start, stop = self._history.t_ns(count), self._history.t_ns(count + 1)
         row = self._history.rows(count, count + 1)[0]
         begin = 0.0
-        while i < len(self._entries) and self._entries[i].t_ns <= stop:
-            entry = self._entries[i]
+        while i < len(self._order) and self._order[i].t_ns <= stop:
+            entry = self._order[i]
             end = (entry.t_ns - start) / (stop - start)
             if end > begin:
                 self._engine.advance_part(row, begin, end)
@@ -351,7 +410,7 @@ class Timeline(Generic[V]):
         self._engine.mark(self._history.track(count, count + 1)[0])
         return i
 
-    def _apply(self, entry: _Entry, count: int, verdicts: list[V]) -> None:
+    def _apply(self, entry: Entry, count: int, verdicts: list[V]) -> None:
         """Use a measurement; its verdict is given the first time."""
         now = np.empty(N_TRACK)
         self._engine.mark(now)
@@ -368,6 +427,7 @@ class Timeline(Generic[V]):
     def _forget(self) -> None:
         """Forget what is older than the lag; a note's state that is, is final."""
         horizon = self._history.t_ns(self._history.count) - self._lag_ns
+        horizon = min(horizon, self._again_ns)
         while len(self._snapshots) > 1 and self._history.t_ns(self._snapshots[1][0]) < horizon:
             count, saved = self._snapshots.popleft()
             for note in self._notes:
@@ -376,4 +436,4 @@ class Timeline(Generic[V]):
         oldest = min(horizon, self._history.t_ns(self._snapshots[0][0]))
         if self._notes:
             oldest = min(oldest, self._notes[0].t_ns)
-        del self._entries[: bisect_left(self._entries, oldest, key=lambda e: e.t_ns)]
+        self._order.forget(self._order.after(oldest - 1))

@@ -250,6 +250,8 @@ class Filter(_Block, frozen=True):
     """Whether a device's noise is learnt from its innovations, within a third to three times."""
     innovation_gate: Annotated[float, Meta(gt=0.5, lt=1)] = 0.999
     history_s: Annotated[float, Meta(gt=0, le=120)] = 10.0
+    max_gap_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
+    """Longest silence of the IMU that is bridged; after more the filter begins again."""
     max_fix_age_s: Positive = 10.0
 
 

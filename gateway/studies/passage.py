@@ -18,6 +18,7 @@ from gateway.fusion.recording import RecordingFilter
 from gateway.fusion.smoother import between, smooth
 from gateway.fusion.state import N_FULL, State
 from gateway.messages import Fix, Innovation
+from gateway.order import Refusal
 from gateway.studies.errors import Measured
 from gateway.studies.voyage import EPOCH_S, Voyage
 from gateway.timeline import Timeline
@@ -79,7 +80,7 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
         Whether the filter gets the fixes.
     """
     rate_hz = voyage.imu[1].rate_hz
-    timeline = Timeline(engine, rate_hz, voyage.config.filter.history_s, snapshot_s=EPOCH_S)
+    timeline = Timeline(engine, rate_hz, voyage.config.filter.history_s, EPOCH_S, slice_=None)
     told = _by_epoch(measured) if aided else {}
     step = round(EPOCH_S * rate_hz)
     m = len(voyage.truth.t_s)
@@ -90,7 +91,7 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
     for k in range(m):
         for fix in told.get(k, ()):
             taken = timeline.insert(fix, fix.t_ns, repr(fix))
-            assert taken is not None, f"{fix} comes too late for the history"
+            assert not isinstance(taken, Refusal), f"{fix}: {taken}"
             verdicts += taken
         state = engine.memory.state
         means[k], variances[k] = state.x, state.P[:9, :9]

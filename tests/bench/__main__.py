@@ -7,6 +7,7 @@ from pathlib import Path
 from tests.bench import (
     against_c,
     decoding,
+    late,
     live,
     recording,
     replayed,
@@ -25,6 +26,7 @@ def main() -> None:
         rows = [
             *replayed.measure(source, Path(folder)),
             *steps.measure(source),
+            *late.measure(source),
             *against_c.measure(),
             *decoding.measure(),
         ]

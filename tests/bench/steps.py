@@ -6,9 +6,6 @@ from functools import partial
 from itertools import islice
 from statistics import median
 
-import msgspec
-import numpy as np
-
 from drivers.capture.reader import read_packets
 from drivers.capture.streams import read_streams
 from gateway.config import Config, load, wire_format
@@ -17,7 +14,7 @@ from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.warmup import warm_up
 from gateway.ingest import intakes
-from gateway.messages import Fix, ImuBlock, Innovation, Measurement, NavSolution, UsblFix
+from gateway.messages import Fix, ImuBlock, Innovation, Measurement, NavSolution
 from gateway.outputs import nmea
 from gateway.outputs.schema import nav_report
 from gateway.timeline import Track
@@ -40,8 +37,6 @@ def measure(source: Source) -> list[Row]:
         ("frame decoded, timed and turned to body axes", _intake(source, config), "us"),
         ("filter step, 200 Hz, in batches", _stepping(config, measurements), "us"),
         ("fix linearised, gated, used and reported", _updating(config, measurements), "us"),
-        ("late fix, 0.5 s run again", _rerunning(config, measurements, 0.5), "us"),
-        ("late fix, 10 s run again", _rerunning(config, measurements, 9.9), "us"),
         ("NMEA epoch of six sentences", _sentences(config, measurements), "us"),
     ]
 
@@ -148,25 +143,6 @@ def _updating(config: Config, measurements: list[Measurement]) -> float:
         for _ in estimator.feed(measurement):
             pass
     return median(took_us)
-
-
-def _rerunning(config: Config, measurements: list[Measurement], late_s: float) -> float:
-    """A fix so late behind 15 s of samples, in a fresh history each time."""
-    fix = next(m for m in measurements if isinstance(m, UsblFix))
-    blocks = samples(measurements[:3000], BATCH)
-    head_ns = int(np.frombuffer(blocks[-1].t_ns, dtype=np.int64)[-1])
-    late = msgspec.structs.replace(fix, t_ns=head_ns - round(late_s * 1e9))
-    took = []
-    for _ in range(RUNS):
-        estimator = Estimator(config, rate_hz=1.0)
-        for block in blocks:
-            for _ in estimator.feed(block):
-                pass
-        begun = time.process_time()
-        verdicts = list(estimator.feed(late))
-        took.append((time.process_time() - begun) * 1e6)
-        assert [verdict.nis > 0.0 for verdict in verdicts] == [True]
-    return median(took)
 
 
 def _sentences(config: Config, measurements: list[Measurement]) -> float:

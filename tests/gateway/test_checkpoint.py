@@ -22,7 +22,7 @@ SETTLES_S = HISTORY_S + LOOK_BACK_S
 def voyage():
     """Fixes of three beacons on the move; one comes two-way over 400 m."""
     data = demo_data() | {"duration_s": SECONDS, "seed": 5}
-    data["devices"]["imu0"]["rate_hz"] = 50.0
+    data["devices"]["imu0"]["rate_hz"] = 200.0
     data["devices"]["usbl0"] |= {"period_s": 0.7}
     data["beacons"] = {
         "1": {"lat_deg": 39.8, "lon_deg": 116.2, "height_m": -50.0},
@@ -74,12 +74,12 @@ N_FIXES = len(voyage()[0].fixes)
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_outputs_go_on_as_if_nothing_had_been(seed):
-    """Any order of arrival, any moment of death: late, early, too late, double."""
+    """Any order of arrival, any moment of death: late, early, too late, double; in slices too."""
     _, config = voyage()
     rng = np.random.default_rng(seed)
     delays = rng.uniform(-1.0, 1.2 * HISTORY_S, N_FIXES) * rng.choice([0.0, 1.0], N_FIXES)
     repeats = list(zip(rng.integers(0, N_FIXES, 6), rng.uniform(0.0, HISTORY_S, 6), strict=True))
-    measurements = arriving(delays, repeats, int(rng.integers(1, 40)))
+    measurements = arriving(delays, repeats, int(rng.integers(1, 160)))
     old = Estimator(config, OUTPUT_HZ)
     whole, keep = [], []
     for n, m in enumerate(measurements):
@@ -105,7 +105,7 @@ def test_the_outputs_go_on_as_if_nothing_had_been(seed):
 
 @cache
 def ordinary():
-    return arriving([0.5] * N_FIXES, [], 10)
+    return arriving([0.5] * N_FIXES, [], 40)
 
 
 def test_a_checkpoint_is_given_each_second_as_soon_as_nothing_can_change_it():
@@ -157,7 +157,7 @@ def test_every_fix_is_counted_once():
     """The totals of the new estimator are those of the old one at its end."""
     _, config = voyage()
     late = np.linspace(-0.5, 1.3 * HISTORY_S, N_FIXES)
-    measurements = arriving(list(late), [(k, 0.3) for k in range(0, N_FIXES, 7)], 5)
+    measurements = arriving(list(late), [(k, 0.3) for k in range(0, N_FIXES, 7)], 20)
     old = Estimator(config, OUTPUT_HZ)
     outputs, keep = said(old, measurements)
     checkpoint = next(o for _, o in keep if isinstance(o, Checkpoint))

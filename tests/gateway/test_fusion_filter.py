@@ -36,7 +36,7 @@ def at_the_truth(sigma=(1e-3, 0.1, 1.0)):
     state = State(trip.state(0.0).x, fresh.P, fresh.columns)
     state.P[:9, :9] = np.diag(np.repeat(sigma, 3) ** 2)
     filter_ = Filter(initial.model(config), Memory(state))
-    return trip, filter_, Timeline(filter_, RATE_HZ, 10.0)
+    return trip, filter_, Timeline(filter_, RATE_HZ, 10.0, slice_=None)
 
 
 def sail(trip, timeline, t_s):

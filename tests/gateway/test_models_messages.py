@@ -158,7 +158,7 @@ def test_ranges_of_one_ping_are_each_at_their_own_reception(trip):
     config = configuration(trip.scenario)
     fresh = initial.initial_state(config)
     engine = Filter(initial.model(config), Memory(State(trip.state(0.0).x, fresh.P, fresh.columns)))
-    timeline = Timeline(engine, RATE_HZ, 10.0)
+    timeline = Timeline(engine, RATE_HZ, 10.0, slice_=None)
     heard = trip.heard
     k = 10
     t_rx = T0_NS + round(heard.t_rx[k] * 1e9)
@@ -213,7 +213,7 @@ def sailed(trip, options, **changes):
     fresh = initial.initial_state(config)
     state = State(trip.state(0.0).x, fresh.P, fresh.columns)
     engine = Filter(initial.model(config), Memory(state))
-    timeline = Timeline(engine, RATE_HZ, 10.0)
+    timeline = Timeline(engine, RATE_HZ, 10.0, slice_=None)
     verdicts = []
     for k, fix in enumerate(trip.fixes):
         if (changed := changes.get(f"fix{k}", fix)) is not None:
@@ -283,7 +283,7 @@ def test_late_fixes_learn_the_same(trip):
     config = as_declared(trip, **options)
     fresh = initial.initial_state(config)
     late = Filter(initial.model(config), Memory(State(trip.state(0.0).x, fresh.P, fresh.columns)))
-    timeline = Timeline(late, RATE_HZ, 10.0)
+    timeline = Timeline(late, RATE_HZ, 10.0, slice_=None)
     for measurement in trip.arrivals(latency_s=3.3):
         if isinstance(measurement, UsblFix):
             timeline.insert(measurement, measurement.t_ns, repr(measurement))

@@ -50,7 +50,7 @@ def record(trip, definition="right_invariant", **changes):
     config = configuration(trip.scenario, filter={"error": definition})
     model = replace(initial.model(config), **changes)
     engine = RecordingFilter(model, Memory(initial.initial_state(config)))
-    timeline = Timeline(engine, RATE_HZ, 10.0)
+    timeline = Timeline(engine, RATE_HZ, 10.0, slice_=None)
     for fix in trip.fixes:
         timeline.insert(fix, fix.t_ns, repr(fix))
     for k in range(0, len(trip.t_ns), 50):
@@ -213,7 +213,7 @@ def test_a_late_measurement_is_a_bug():
         initial.model(configuration(trip.scenario)),
         Memory(initial.initial_state(configuration(trip.scenario))),
     )
-    timeline = Timeline(engine, RATE_HZ, 10.0)
+    timeline = Timeline(engine, RATE_HZ, 10.0, slice_=None)
     timeline.extend(trip.t_ns[:500], trip.rows[:500])
     with pytest.raises(AssertionError, match="late"):
         timeline.insert(trip.fixes[2], T0_NS + 3_000_000_000, "late")

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.nav.lie import log_so3
-from gateway.timeline import LOOK_BACK_S, Timeline
+from gateway.order import Refusal
+from gateway.timeline import LOOK_BACK_S, MAX_WAITING, SLICE, UPDATE, Timeline
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.voyages import Voyage, configuration
 
@@ -42,7 +43,7 @@ def voyage():
 def begin(history_s=10.0):
     _, config = voyage()
     filter_ = Filter(initial.model(config), Memory(initial.initial_state(config)))
-    return filter_, Timeline(filter_, RATE_HZ, history_s)
+    return filter_, Timeline(filter_, RATE_HZ, history_s, slice_=None)
 
 
 def key(fix):
@@ -96,8 +97,8 @@ def test_any_order_of_arrival_gives_the_state_of_the_order_of_time(delays, block
         nonlocal refused
         fix = trip.fixes[arrivals.pop(0)[1]]
         found = timeline.insert(fix, fix.t_ns, key(fix))
-        refused += found is None
-        verdicts.extend(found or [])
+        refused += isinstance(found, Refusal)
+        verdicts.extend([] if isinstance(found, Refusal) else found)
 
     for k in range(0, len(trip.t_ns), block):
         while arrivals and arrivals[0][0] <= trip.t_ns[k]:
@@ -180,9 +181,9 @@ def at(samples_from_start):
     return T0 + round(samples_from_start * STEP_NS)
 
 
-def ledger(history_s=2.0, rate_hz=RATE_HZ):
+def ledger(history_s=2.0, slice_=None, **options):
     engine = Ledger()
-    return engine, Timeline(engine, rate_hz, history_s)
+    return engine, Timeline(engine, RATE_HZ, history_s, slice_=slice_, **options)
 
 
 @pytest.mark.parametrize("early", [True, False])
@@ -213,9 +214,9 @@ def test_ties_do_not_depend_on_arrival():
 def test_a_duplicate_is_counted_and_not_used_twice():
     engine, timeline = ledger()
     timeline.insert("m", at(70.0), "m")
-    assert timeline.insert("m", at(70.0), "m") is None
+    assert timeline.insert("m", at(70.0), "m") is Refusal.DUPLICATE
     timeline.extend(*samples(0, 100))
-    assert timeline.insert("m", at(70.0), "m") is None
+    assert timeline.insert("m", at(70.0), "m") is Refusal.DUPLICATE
     assert timeline.counts.duplicate == 2
     assert engine.seen == [("m", 70.0)]
 
@@ -223,7 +224,7 @@ def test_a_duplicate_is_counted_and_not_used_twice():
 def test_older_than_the_history_is_too_late():
     engine, timeline = ledger(history_s=2.0)
     timeline.extend(*samples(0, 1000))
-    assert timeline.insert("old", at(799.0), "old") is None
+    assert timeline.insert("old", at(799.0), "old") is Refusal.TOO_LATE
     assert timeline.insert("new", at(801.0), "new") == ["new"]
     assert (timeline.counts.too_late, timeline.counts.late) == (1, 1)
     assert engine.sum == pytest.approx(1000.0)
@@ -233,7 +234,7 @@ def test_before_the_first_sample_is_too_late_whenever_it_comes():
     engine, timeline = ledger()
     assert timeline.insert("waiting", at(-5.0), "waiting") == []
     timeline.extend(*samples(0, 10))
-    assert timeline.insert("after", at(-4.0), "after") is None
+    assert timeline.insert("after", at(-4.0), "after") is Refusal.TOO_LATE
     timeline.extend(*samples(10, 10))
     assert timeline.counts.too_late == 2
     assert engine.seen == []
@@ -291,9 +292,7 @@ def test_memory_is_bounded():
     for second in range(100):
         timeline.extend(*samples(100 * second, 100))
         timeline.insert(second, at(100.0 * second + 50.0), str(second))
-        held.append(
-            (len(timeline._entries), len(timeline._snapshots), timeline._history._rows.shape)
-        )
+        held.append((len(timeline._order), len(timeline._snapshots), timeline._history._rows.shape))
     assert max(h[0] for h in held) <= 4
     assert max(h[1] for h in held) <= 2.0 * 4 + 8
     assert len({h[2] for h in held}) == 1
@@ -316,3 +315,149 @@ def test_the_track_is_right_after_trimming():
         timeline.extend(*samples(first, 100))
     for back in (0.0, 100.5, (2.0 + LOOK_BACK_S) * RATE_HZ):
         assert timeline.at(at(10_000.0 - back))[0] == pytest.approx(10_000.0 - back)
+
+
+# --- measurements far ahead ------------------------------------------------------------------
+
+
+def test_too_far_ahead_is_refused_and_so_is_what_waits_with_too_many():
+    engine, timeline = ledger(ahead_s=5.0)
+    timeline.extend(*samples(0, 100))
+    assert timeline.insert("far", at(601.0), "far") is Refusal.TOO_EARLY
+    waiting = [600.0 - 0.25 * k for k in range(MAX_WAITING)]
+    assert all(timeline.insert(t, at(t), str(t)) == [] for t in waiting)
+    assert timeline.insert("one more", at(500.1), "one more") is Refusal.TOO_EARLY
+    assert timeline.insert("late", at(50.0), "late") == ["late"], "does not wait"
+    assert timeline.counts.too_early == 2
+    timeline.extend(*samples(100, 501))
+    assert [m for m, _ in engine.seen] == ["late", *reversed(waiting)]
+
+
+def test_without_samples_few_wait():
+    _, timeline = ledger(ahead_s=5.0)
+    found = [timeline.insert(t, at(1000.0 * t), str(t)) for t in range(MAX_WAITING + 10)]
+    assert found == [[]] * MAX_WAITING + [Refusal.TOO_EARLY] * 10
+
+
+# --- slices ----------------------------------------------------------------------------------
+
+
+class Busy(Ledger):
+    """Counts the samples it is carried over and the measurements it is given."""
+
+    def __init__(self):
+        super().__init__()
+        self.work = 0
+
+    def advance(self, rows, track):
+        self.work += len(rows)
+        super().advance(rows, track)
+
+    def advance_part(self, row, begin, end):
+        self.work += 1
+        super().advance_part(row, begin, end)
+
+    def apply(self, measurement, track):
+        self.work += UPDATE
+        return super().apply(measurement, track)
+
+    def spent(self):
+        work, self.work = self.work, 0
+        return work
+
+
+def busy(history_s=30.0, slice_=SLICE):
+    engine = Busy()
+    return engine, Timeline(engine, RATE_HZ, history_s, slice_=slice_)
+
+
+def test_no_step_takes_long_though_much_is_run_again():
+    """Late by 25 s: nothing at once, then a slice for each sample, the newest state going on."""
+    engine, timeline = busy()
+    timeline.extend(*samples(0, 3000))
+    engine.spent()
+    assert timeline.insert("m", at(500.5), "m") == []
+    assert engine.spent() == 0
+    verdicts, steps = [], 0
+    while not verdicts or engine.seen == []:
+        verdicts += timeline.extend(*samples(3000 + steps, 1))
+        steps += 1
+        assert engine.spent() <= SLICE + 5
+        assert engine.sum == pytest.approx(3000.0 + steps)
+    assert verdicts == ["m"]
+    assert engine.seen == [("m", 500.5)]
+    assert steps <= (2525 + UPDATE) / SLICE + 2
+
+
+def test_what_fits_a_slice_is_run_at_once():
+    engine, timeline = busy()
+    timeline.extend(*samples(0, 3000))
+    assert timeline.insert("m", at(2900.5), "m") == ["m"]
+    assert engine.seen == [("m", 2900.5)]
+
+
+def test_what_arrives_meanwhile_is_used_in_its_place():
+    """Before and behind the rerun, on time, and ahead; one verdict each."""
+    engine, timeline = busy()
+    timeline.insert("ahead", at(3006.5), "ahead")
+    timeline.extend(*samples(0, 3000))
+    timeline.insert("first", at(1000.5), "first")
+    verdicts = timeline.extend(*samples(3000, 2))
+    for name, t in (("behind", 600.5), ("behind too", 900.5), ("before", 2800.5), ("new", 3001.5)):
+        assert timeline.insert(name, at(t), name) == []
+    assert timeline.insert("before", at(2800.5), "before") is Refusal.DUPLICATE
+    for k in range(3002, 3040):
+        verdicts += timeline.extend(*samples(k, 1))
+    names = ["behind", "behind too", "first", "before", "new", "ahead"]
+    assert [m for m, _ in engine.seen] == names
+    assert [t for _, t in engine.seen] == [600.5, 900.5, 1000.5, 2800.5, 3001.5, 3006.5]
+    assert sorted(verdicts) == sorted(names)
+    assert verdicts[-2:] == ["behind", "behind too"], "in a second go"
+
+
+@pytest.mark.parametrize("block", [2, 3, 50, 1000])
+def test_slices_do_not_depend_on_blocks(block):
+    """Verdicts come at the same sample, and the state there is the same, however fed."""
+
+    def run(size):
+        engine, timeline = busy()
+        out = []
+        for first in range(0, 9000, 1000):
+            for k in range(first, first + 1000, size):
+                n = min(size, first + 1000 - k)
+                out += timeline.extend(*samples(k, n))
+            out += timeline.insert(first, at(max(0.5, first - 1200.5)), str(first))
+            out.append((engine.sum, list(engine.seen)))
+        return out
+
+    assert run(block) == run(1)
+
+
+def test_late_ones_without_end_do_not_keep_the_newest_state_from_catching_up():
+    """One with every second sample, each 20 s late: used at last within two goes, all of them."""
+    engine, timeline = busy()
+    timeline.extend(*samples(0, 3000))
+    verdicts, behind = [], []
+    for k in range(3000, 4000):
+        if k % 2:
+            t = k - 2000.5
+            verdicts += timeline.insert(t, at(t), f"{t:09.1f}")
+        verdicts += timeline.extend(*samples(k, 1))
+        behind.append((k - 3000) // 2 - len(engine.seen))
+    assert max(behind[500:]) < 400
+    verdicts += timeline.finish()
+    assert (
+        [m for m, _ in engine.seen]
+        == sorted(verdicts)
+        == [k - 2000.5 for k in range(3001, 4000, 2)]
+    )
+
+
+def test_finishing_runs_what_is_left():
+    engine, timeline = busy()
+    timeline.extend(*samples(0, 3000))
+    assert timeline.insert("m", at(500.5), "m") == []
+    assert timeline.finish() == ["m"]
+    assert engine.seen == [("m", 500.5)]
+    assert engine.sum == pytest.approx(3000.0)
+    assert timeline.finish() == []
