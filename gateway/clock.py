@@ -108,7 +108,7 @@ class DeviceClock:
         self._reorder = min(reorder_s / unit_s, modulus / 8)
         self._backlog = self._early = min(BACKLOG_S / unit_s, modulus / 8)
         self._patience = OUTAGE_S / unit_s if modulus * unit_s < QUICK_S else inf
-        self._silent = True
+        self._silent, self._locked = True, False
         self._origin_ns = self._t_last_ns = 0
         self._first = self._last = 0
         self._due_s = self._lag_s = 0.0
@@ -127,7 +127,7 @@ class DeviceClock:
         """Whether it has heard anything, and enough to be relied on."""
         if self._silent:
             return "silent"
-        return "locked" if self._envelope.stretches >= LOCKED_AFTER else "warming"
+        return "locked" if self._locked else "warming"
 
     def expected(self, t_arrival_ns: int) -> float:
         """Counts since the newest one, if what arrives now came without a queue."""
@@ -159,15 +159,14 @@ class DeviceClock:
         ticks: list[Tick] = []
         seen: list[_Seen] = []
         for value, t_arrival_ns in chunk:
-            step = self._step(value, t_arrival_ns)
-            if step is not None:
-                seen.append(self._look(step, t_arrival_ns))
-            if step is None or self._envelope.late >= LATE_STRETCHES:
-                ticks += map(self._place, seen if step is None else seen[:-1])
+            one = self._look(value, t_arrival_ns)
+            if one is None:
+                ticks += map(self._place, seen)
                 seen = [self._begin(value, t_arrival_ns)]
-        self._learn_queue(seen)
-        ticks += map(self._place, seen)
-        return ticks
+            else:
+                seen.append(one)
+        self._learn_queue(seen[-1])
+        return ticks + [self._place(one) for one in seen]
 
     def report(self, source: Source, untimed: int = 0) -> ClockReport:
         """Offset, drift and how sure they are."""
@@ -189,30 +188,32 @@ class DeviceClock:
             untimed=untimed,
         )
 
-    def _step(self, value: int, t_arrival_ns: int) -> int | None:
-        """Counts since the newest: as many as the time allows, not positive if it allows none.
+    def _look(self, value: int, t_arrival_ns: int) -> _Seen | None:
+        """Learn from an arrival; None if the count began anew.
 
         A count cannot arrive before it is true, so of all steps that lead to the value the longest
-        that ends by now is right, whole turns missing or none. None where no step does.
+        that ends by now is right, whole turns missing or none.
         """
-        expected = self.expected(t_arrival_ns)
+        since_origin_s = (t_arrival_ns - self._origin_ns) * 1e-9
+        expected = (since_origin_s - self._due_s) / self._period_s
         if self._silent or expected > self._patience:
             return None
         at_most = int(expected * (1.0 + WANDER) + self._early)
         step = (value - self._last) % self._modulus
         step += (at_most - step) // self._modulus * self._modulus
-        return step if step >= -self._reorder else None
-
-    def _look(self, step: int, t_arrival_ns: int) -> _Seen:
-        """Learn from an arrival."""
+        if step < -self._reorder:
+            return None
         count, envelope = self._last + step, self._envelope
         c = (count - self._first) * self._unit_s
-        delay = (t_arrival_ns - self._origin_ns) * 1e-9 - c
-        y = envelope.height(c)
+        delay = since_origin_s - c
+        at, height, slope, _ = envelope.line
+        y = height + slope * (c - at)
         if envelope.add(c, delay, delay - y):
             moved = envelope.height(c) - y
             y += moved
             self._moved(moved)
+            if envelope.late >= LATE_STRETCHES:
+                return None
         if step > 0:
             self._last, self._due_s = count, c + y
         return c, delay, step * self._unit_s
@@ -223,23 +224,25 @@ class DeviceClock:
         if self._envelope.stretches < LOCKED_AFTER:
             self._lag_s = 0.0
         else:
+            self._locked = True
             self._lag_s -= by_s
             early_s = max(EARLY_S, 10.0 * (self._envelope.line.sigma or 0.0))
             self._early = min(self._backlog, early_s / self._unit_s)
 
-    def _learn_queue(self, seen: list[_Seen]) -> None:
+    def _learn_queue(self, last: _Seen) -> None:
         """How long a chunk waits on the mean: so much the first ones after a reset are late."""
-        self._chunks += 1
-        if self._envelope.line.sigma is None:
-            self._lag_s = -self._queue_s / self._chunks
-        elif self.state == "locked":
-            c, delay, _ = seen[-1]
+        if self._locked:
+            c, delay, _ = last
             self._queue_s += (delay - self._envelope.height(c) - self._queue_s) / QUEUES
+        elif self._envelope.line.sigma is None:
+            self._chunks += 1
+            self._lag_s = -self._queue_s / self._chunks
 
     def _place(self, seen: _Seen) -> Tick:
         """Time of a count by the envelope, corrections slewed in; never after its arrival."""
         c, delay, step_s = seen
-        y = self._envelope.height(c)
+        at, height, slope, _ = self._envelope.line
+        y = height + slope * (c - at)
         if self._lag_s:
             reach = SLEW * max(step_s or 0.0, 0.0)
             self._lag_s -= min(max(self._lag_s, -reach), reach)
@@ -256,7 +259,7 @@ class DeviceClock:
     def _begin(self, value: int, t_arrival_ns: int) -> _Seen:
         """Start from this arrival; a drift that was known is nearly the same still."""
         before = Before()
-        if self.state == "locked":
+        if self._locked:
             before = Before(self.drift, DRIFT_AGAIN, self._envelope.jitter_s, JITTER_AGAIN)
         if self._silent:
             self._silent, self._t_last_ns = False, t_arrival_ns
@@ -265,6 +268,7 @@ class DeviceClock:
         self._origin_ns = t_arrival_ns
         self._first = self._last = value
         self._due_s = self._lag_s = 0.0
+        self._locked = False
         self._early = self._backlog
         self._envelope = Envelope(before)
         self._chunks = 0

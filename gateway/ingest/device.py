@@ -69,9 +69,10 @@ class DeviceIngest:
 
     def _left_instrument_ns(self, record: Measured) -> int:
         """When the frame's first byte left, less the age the record tells and the latency."""
-        age_ns = 0 if record.age_s is UNSET else round(record.age_s * 1e9)
-        line_ns = round(record.line_bytes * self._byte_ns)
-        return record.t_rx_ns - line_ns - age_ns - self._latency_ns
+        t_ns = record.t_rx_ns - self._latency_ns
+        if self._byte_ns:
+            t_ns -= round(record.line_bytes * self._byte_ns)
+        return t_ns if record.age_s is UNSET else t_ns - round(record.age_s * 1e9)
 
     def _valid_at_ns(self, record: Measured, t_device_s: float | None) -> int:
         """When the record was true: by the time it tells if that is wanted, else by its arrival."""

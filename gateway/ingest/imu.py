@@ -58,10 +58,11 @@ class ImuIngest(DeviceIngest):
         if source != self._source:
             self._source = source
             self._clock = self._make_clock()
-        arrivals = [self._left_instrument_ns(record) for record in records]
-        counts = zip(self._values(records, arrivals[-1]), arrivals, strict=True)
-        for record, tick in zip(records, self._clock.take(list(counts)), strict=True):
-            self._add_sample(record, tick)
+        arrived = [self._left_instrument_ns(record) for record in records]
+        values = self._values(records, arrived[-1])
+        ticks = self._clock.take([(values[k], arrived[k]) for k in range(len(values))])
+        for k, tick in enumerate(ticks):
+            self._add_sample(records[k], tick)
 
     def flush(self) -> list[Measurement]:
         """One block of the samples since the last call."""
