@@ -77,7 +77,7 @@ class _Daemon:
         self._utc = UtcHistory()
         self._recorder: Recorder | None = None
         if config.recording is not None:
-            self._recorder = Recorder(config.recording, config, rate_hz)
+            self._recorder = Recorder(config.recording, config, rate_hz, resume)
         self._health = Health(config.vehicle, self._lines, self._host, self._feeds, self._keeper)
 
     async def run(self) -> None:
@@ -144,6 +144,8 @@ class _Daemon:
         async def once(alive: Alive) -> None:
             async for t_ns in edges(pulses):
                 alive()
+                if self._recorder is not None:
+                    self._recorder.pulse(line.name, t_ns)
                 line.intake.pulse(t_ns)
 
         await keep_running(f"{line.name} pulses", once)
@@ -185,8 +187,11 @@ class _Daemon:
                 feed.calibration(calibration)
         elif isinstance(output, FilterCounts):
             self._health.totals = output
-        elif isinstance(output, SavedState) and self._keeper is not None:
-            self._keeper.keep(output)
+        elif isinstance(output, SavedState):
+            if self._keeper is not None:
+                self._keeper.keep(output)
+            if self._recorder is not None:
+                self._recorder.state(output)
 
     def _sample_utc(self) -> None:
         """See how Unix time stands to monotonic time; a recording keeps it for its replays."""

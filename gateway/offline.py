@@ -58,13 +58,13 @@ class ForwardPass:
 
     Parameters
     ----------
-    config, rate_hz
+    config, rate_hz, resume
         As those of `gateway.estimator.Estimator`.
     """
 
-    def __init__(self, config: Config, rate_hz: float) -> None:
+    def __init__(self, config: Config, rate_hz: float, resume: SavedState | None = None) -> None:
         self._filters: list[NotingFilter] = []
-        self._estimator = Estimator(config, rate_hz, engine=self._engine)
+        self._estimator = Estimator(config, rate_hz, resume, self._engine)
         self._last: State | None = None
 
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
@@ -120,18 +120,24 @@ class SmoothedPass:
 
     Parameters
     ----------
-    config, rate_hz
+    config, rate_hz, resume
         As those of `gateway.estimator.Estimator`.
     tell
         Is told how far it is with filtering, smoothing and giving out.
     """
 
-    def __init__(self, config: Config, rate_hz: float, tell: Tell = nobody) -> None:
+    def __init__(
+        self,
+        config: Config,
+        rate_hz: float,
+        resume: SavedState | None = None,
+        tell: Tell = nobody,
+    ) -> None:
         self._tell = tell
         self._max_age_ns = config.filter.max_fix_age_s * 1e9
         self._measurements: list[Measurement] = []
         self._stretches: list[_Stretch] = []
-        self._estimator = Estimator(config, rate_hz, engine=self._engine)
+        self._estimator = Estimator(config, rate_hz, resume, self._engine)
         self._last: State | None = None
 
     def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:

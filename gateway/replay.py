@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.capture.streams import Payload
 from gateway.config import Config
 from gateway.errors import UsblnavError
 from gateway.fusion.initial import initial_state
@@ -27,6 +26,7 @@ from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.progress import Tell, nobody
+from gateway.recording.events import Pulse
 from gateway.traffic import Traffic, open_traffic
 
 CHUNKS_PER_BLOCK = 64
@@ -116,11 +116,11 @@ class _Run:
     def __init__(
         self, config: Config, files: ReplayFiles, traffic: Traffic, smooth: bool, tell: Tell
     ) -> None:
-        rate_hz = traffic.rate_hz
+        how = config, traffic.rate_hz, traffic.resume
         self._config = config
         self._files = files
         self._traffic = traffic
-        self._pass = SmoothedPass(config, rate_hz, tell) if smooth else ForwardPass(config, rate_hz)
+        self._pass = SmoothedPass(*how, tell) if smooth else ForwardPass(*how)
         self._smooth = smooth
         self._calibration: Calibration | None = None
         self._solution: NavSolution | None = None
@@ -215,11 +215,18 @@ class _Run:
         }
 
 
-def _measurements(payloads: Iterable[Payload], devices: dict[str, Intake]) -> Iterator[Measurement]:
+def _measurements(traffic: Traffic, devices: dict[str, Intake]) -> Iterator[Measurement]:
     """Measurements in the order in which their bytes arrived."""
     gathered: str | None = None
     chunks = 0
-    for name, data, t_rx_ns in payloads:
+    for item in traffic:
+        if isinstance(item, Pulse):
+            if gathered == item.device:
+                yield from devices[gathered].flush()
+                gathered = None
+            devices[item.device].pulse(item.t_ns)
+            continue
+        name, data, t_rx_ns = item
         if gathered is not None and (name != gathered or chunks >= CHUNKS_PER_BLOCK):
             yield from devices[gathered].flush()
             chunks = 0

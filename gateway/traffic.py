@@ -12,7 +12,8 @@ from drivers.capture.files import CaptureError
 from drivers.capture.streams import CaptureCounts, Payload, read_streams
 from gateway.config import Config
 from gateway.errors import ConfigError, UsblnavError
-from gateway.recording.events import Raw
+from gateway.messages import SavedState
+from gateway.recording.events import Pulse, Raw
 from gateway.recording.reader import RecordedRun, RecordingCounts, is_recording
 from gateway.utc import UtcHistory, UtcSample
 
@@ -20,7 +21,7 @@ DEFAULT_RATE_HZ = 10.0
 
 
 class Traffic(ABC):
-    """The payloads of the configured devices, to their end or to where they cannot be read further.
+    """Payloads and pulses of the configured devices, to where they end or cannot be read further.
 
     Attributes
     ----------
@@ -28,6 +29,8 @@ class Traffic(ABC):
         What they are replayed with; solutions a second.
     utc
         Unix time of their arrival times.
+    resume
+        Where the filter began; None for the configured initial state.
     fault
         Why they ended early, or None.
     """
@@ -41,19 +44,20 @@ class Traffic(ABC):
     ) -> None:
         self.config, self.rate_hz = config, rate_hz
         self.utc = UtcHistory()
+        self.resume: SavedState | None = None
         self.fault: CaptureError | None = None
         self._counts = counts
         self._stored = sum(map(_size, paths))
         self._first_ns: int | None = None
         self._last_ns = 0
 
-    def __iter__(self) -> Iterator[Payload]:
+    def __iter__(self) -> Iterator[Payload | Pulse]:
         try:
-            for payload in self._payloads():
-                if self._first_ns is None:
-                    self._first_ns = payload[2]
-                self._last_ns = payload[2]
-                yield payload
+            for item in self._items():
+                if not isinstance(item, Pulse):
+                    self._first_ns = item[2] if self._first_ns is None else self._first_ns
+                    self._last_ns = item[2]
+                yield item
         except CaptureError as error:
             self.fault = error
 
@@ -72,7 +76,7 @@ class Traffic(ABC):
         """What was found so far, for the summary."""
 
     @abstractmethod
-    def _payloads(self) -> Iterator[Payload]:
+    def _items(self) -> Iterator[Payload | Pulse]:
         """In the order in which they were heard; raises `CaptureError`, also for none at all."""
 
 
@@ -100,9 +104,13 @@ def open_traffic(paths: Sequence[Path], config: Config | None, rate_hz: float | 
         raise ConfigError("captures and recordings cannot be replayed together")
     try:
         run = RecordedRun(recordings)
+        if config is not None:
+            return _Recording(run, config, rate_hz or run.rate_hz)
+        traffic = _Recording(run, run.config(), rate_hz or run.rate_hz)
+        traffic.resume = run.resume()
     except CaptureError as error:
         raise UsblnavError(str(error)) from error
-    return _Recording(run, config or run.config(), rate_hz or run.rate_hz)
+    return traffic
 
 
 class _Captures(Traffic):
@@ -116,7 +124,7 @@ class _Captures(Traffic):
     def told(self) -> dict[str, Any]:
         return {"capture": msgspec.to_builtins(self._found)}
 
-    def _payloads(self) -> Iterator[Payload]:
+    def _items(self) -> Iterator[Payload]:
         links = {name: device.link for name, device in self.config.devices.items()}
         yield from read_streams(self._paths, links, self._found)
         if not self._found.selected:
@@ -137,7 +145,7 @@ class _Recording(Traffic):
     def told(self) -> dict[str, Any]:
         return {"recording": msgspec.to_builtins(self._run.counts) | {"chunks": self._chunks}}
 
-    def _payloads(self) -> Iterator[Payload]:
+    def _items(self) -> Iterator[Payload | Pulse]:
         for event in self._run.events():
             if isinstance(event, UtcSample):
                 self.utc.note(event)
@@ -146,6 +154,8 @@ class _Recording(Traffic):
                 self._chunks["selected" if known else "not_selected"] += 1
                 if known:
                     yield event.device, event.data, event.t_rx_ns
+            elif isinstance(event, Pulse) and event.device in self.config.devices:
+                yield event
         if not self._chunks["selected"]:
             raise CaptureError(
                 f"{self._run.paths[0]}: no bytes for any device of the configuration"

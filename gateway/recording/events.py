@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from gateway.config import Config, Recording
+from gateway.messages import SavedState
 from gateway.utc import UtcSample
 
 Topic = Literal["nav", "innovation", "calibration", "status"]
@@ -26,6 +27,13 @@ class LineEvent(msgspec.Struct, frozen=True, tag="line"):
     up: bool
 
 
+class Pulse(msgspec.Struct, frozen=True, tag="pulse"):
+    """An edge of a device's pulse per second, as the device's intake was told of it."""
+
+    device: str
+    t_ns: int
+
+
 class Report(msgspec.Struct, frozen=True, tag="report"):
     """JSON of a report, as on Zenoh, and the Unix time for which it holds."""
 
@@ -34,19 +42,21 @@ class Report(msgspec.Struct, frozen=True, tag="report"):
     data: bytes
 
 
-Event = Raw | LineEvent | UtcSample | Report
+Event = Raw | Pulse | LineEvent | UtcSample | Report
 
 
 class Run(msgspec.Struct, frozen=True, array_like=True):
     """What is the same for all files of one run of the daemon.
 
-    ``name`` tells runs apart; ``rate_hz`` is that of the solutions.
+    ``name`` tells runs apart; ``rate_hz`` is that of the solutions; ``resume`` is where the filter
+    began, None at the configured initial state.
     """
 
     name: str
     software: str
     rate_hz: float
     config: Config
+    resume: SavedState | None = None
 
 
 class Orders(msgspec.Struct, frozen=True, array_like=True, tag="orders"):
@@ -58,10 +68,14 @@ class Orders(msgspec.Struct, frozen=True, array_like=True, tag="orders"):
 
 
 class Batch(msgspec.Struct, frozen=True, array_like=True, tag="batch"):
-    """Consecutive events; they are numbered through the run, the first one ``first``."""
+    """Consecutive events; they are numbered through the run, the first one ``first``.
+
+    ``state`` is the filter's newest, from which a file that is begun now may be replayed by itself.
+    """
 
     first: int
     events: list[Event]
+    state: SavedState | None = None
 
 
 class Saved(msgspec.Struct, frozen=True, array_like=True, tag="saved"):

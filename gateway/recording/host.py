@@ -17,6 +17,7 @@ from gateway.config import Config, Recording
 from gateway.filter_process.channel import MAX_MESSAGE, pair
 from gateway.filter_process.launcher import ending
 from gateway.health import HealthReport
+from gateway.messages import SavedState
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import ordinary
@@ -26,6 +27,7 @@ from gateway.recording.events import (
     Fault,
     LineEvent,
     Orders,
+    Pulse,
     Raw,
     Report,
     Run,
@@ -80,6 +82,8 @@ class Recorder:
         Where to, and what the daemon runs.
     rate_hz
         Of the solutions.
+    resume
+        Where the filter began.
 
     Attributes
     ----------
@@ -89,16 +93,22 @@ class Recorder:
         Set while a writer writes.
     """
 
-    def __init__(self, settings: Recording, config: Config, rate_hz: float) -> None:
+    def __init__(
+        self,
+        settings: Recording,
+        config: Config,
+        rate_hz: float,
+        resume: SavedState | None = None,
+    ) -> None:
         self.up = asyncio.Event()
         self.name = f"recording {settings.folder}"
         now = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-        run = Run(
-            f"{now}-{time.monotonic_ns():x}", f"usblnav {version('usblnav')}", rate_hz, config
-        )
+        name, software = f"{now}-{time.monotonic_ns():x}", f"usblnav {version('usblnav')}"
+        run = Run(name, software, rate_hz, config, resume)
         schemas = {t: msgspec.json.encode(msgspec.json.schema(k)) for t, k in TYPES.items()}
         self._orders = encode(Orders(run, settings, schemas))
         self._events: list[Event] = []
+        self._state: SavedState | None = None
         self._size = 0
         self._next = 0
         self._waiting: deque[_Held] = deque()
@@ -114,6 +124,14 @@ class Recorder:
     def raw(self, device: str, data: bytes, t_rx_ns: int) -> None:
         """Take a chunk, before the device's intake is fed with it."""
         self._add(Raw(device, t_rx_ns, data), len(data))
+
+    def pulse(self, device: str, t_ns: int) -> None:
+        """Take an edge, before the device's intake is told of it."""
+        self._add(Pulse(device, t_ns), 0)
+
+    def state(self, state: SavedState) -> None:
+        """Take the filter's newest state, for the beginning of the next file."""
+        self._state = state
 
     def line(self, device: str, up: bool) -> None:
         """Take note of a line that was opened or lost."""
@@ -170,7 +188,8 @@ class Recorder:
         """Number the gathered events and send them on their way."""
         if not self._events:
             return
-        message = encode(Batch(self._next, self._events))
+        message = encode(Batch(self._next, self._events, self._state))
+        self._state = None
         self._next += len(self._events)
         self._handed_on.clear()
         self._waiting.append(_Held(len(self._events), self._next, message))

@@ -16,9 +16,10 @@ from mcap.writer import MCAP0_MAGIC
 from drivers.capture.files import CaptureError
 from gateway.config import Config
 from gateway.errors import ConfigError
-from gateway.recording.events import Event, LineEvent, Raw, Report, Topic
-from gateway.recording.file import CONFIG, RUN
-from gateway.recording.schema import LINE, RAW, UTC, read_raw
+from gateway.messages import SavedState
+from gateway.recording.events import Event, LineEvent, Pulse, Raw, Report, Topic
+from gateway.recording.file import CONFIG, RESUME, RUN
+from gateway.recording.schema import LINE, PULSE, RAW, UTC, read_raw
 from gateway.schema import build
 from gateway.utc import UtcSample
 
@@ -67,6 +68,7 @@ class _Part(NamedTuple):
     rate_hz: float
     software: str
     utc: UtcSample | None
+    resume: bytes | None
     config: bytes
 
 
@@ -127,6 +129,25 @@ class RecordedRun:
             said = "; ".join(faults)
             raise ConfigError(f"{part.path}: recorded by {part.software}: {said}; give one with -c")
         return config
+
+    def resume(self) -> SavedState | None:
+        """Where the filter was at the beginning; None for the configured initial state.
+
+        Raises
+        ------
+        CaptureError
+            Where another version wrote it.
+        """
+        part = self._parts[0]
+        if part.resume is None:
+            return None
+        try:
+            return msgspec.msgpack.decode(part.resume, type=SavedState)
+        except msgspec.MsgspecError as error:
+            raise CaptureError(
+                f"{part.path}: recorded by {part.software}, whose state is another; give a"
+                " configuration with -c to begin at its initial state"
+            ) from error
 
     def events(self) -> Iterator[Event]:
         """Every event once.
@@ -191,13 +212,16 @@ def _reader(file: BinaryIO) -> StreamReader:
 def _begin(path: Path) -> _Part:
     """What a file says before its first message."""
     about: dict[str, str] | None = None
+    resume: bytes | None = None
     with path.open("rb") as file:
         try:
             for record in _reader(file).records:
                 if isinstance(record, Metadata) and record.name == RUN:
                     about = record.metadata
+                elif isinstance(record, Attachment) and record.name == RESUME:
+                    resume = record.data
                 elif isinstance(record, Attachment) and record.name == CONFIG and about:
-                    return _part(path, about, record.data)
+                    return _part(path, about, resume, record.data)
                 elif isinstance(record, Message):
                     break
         except EndOfFile:
@@ -207,19 +231,19 @@ def _begin(path: Path) -> _Part:
     raise CaptureError(f"{path}: not a recording of usblnav")
 
 
-def _part(path: Path, about: dict[str, str], config: bytes) -> _Part:
+def _part(path: Path, about: dict[str, str], resume: bytes | None, config: bytes) -> _Part:
     try:
         utc = None
         if "utc_from_ns" in about:
             utc = UtcSample(int(about["utc_from_ns"]), int(about["utc_offset_ns"]))
         sequence, rate_hz = int(about["sequence"]), float(about["rate_hz"])
-        return _Part(path, about["run"], sequence, rate_hz, about["software"], utc, config)
+        return _Part(path, about["run"], sequence, rate_hz, about["software"], utc, resume, config)
     except (KeyError, ValueError) as error:
         raise CaptureError(f"{path}: damaged (what it says of its run)") from error
 
 
 def _is_of_events(topic: str) -> bool:
-    return topic.startswith((RAW, LINE)) or topic == UTC or topic in REPORTS
+    return topic.startswith((RAW, LINE, PULSE)) or topic == UTC or topic in REPORTS
 
 
 def _event(topic: str, message: Message) -> Event:
@@ -230,6 +254,8 @@ def _event(topic: str, message: Message) -> Event:
         return msgspec.json.decode(message.data, type=UtcSample)
     if topic.startswith(LINE):
         return msgspec.json.decode(message.data, type=LineEvent)
+    if topic.startswith(PULSE):
+        return msgspec.json.decode(message.data, type=Pulse)
     return Report(REPORTS[topic], message.log_time, message.data)
 
 

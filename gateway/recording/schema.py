@@ -11,6 +11,7 @@ from gateway.outputs.schema import NavReport
 
 RAW = "/raw/"
 LINE = "/line/"
+PULSE = "/pulse/"
 RECORDS = "/records/"
 UTC = "/utc"
 LOCATION = "/location"

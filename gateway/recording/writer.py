@@ -27,6 +27,7 @@ from gateway.recording.events import (
     Fault,
     LineEvent,
     Orders,
+    Pulse,
     Raw,
     Report,
     Saved,
@@ -39,6 +40,7 @@ from gateway.recording.schema import (
     LINE,
     LOCATION,
     LOCATION_FORM,
+    PULSE,
     RAW,
     RAW_FORM,
     RECORDS,
@@ -127,11 +129,13 @@ class Tape:
         self._began = self._synced = 0.0
         self._end = 0
         self._utc: UtcSample | None = None
+        self._state = orders.run.resume
         self._tick: int | None = None
 
     def take(self, batch: Batch) -> None:
         """Write the events of a batch."""
         file = self._file or self._open(batch.first)
+        self._state = batch.state or self._state
         for sequence, event in enumerate(batch.events, batch.first):
             match event:
                 case Raw():
@@ -143,6 +147,8 @@ class Tape:
                     self._json(file, UTC, event.t_ns, sequence, event)
                 case LineEvent():
                     self._json(file, f"{LINE}{event.device}", event.t_ns, sequence, event)
+                case Pulse():
+                    self._json(file, f"{PULSE}{event.device}", event.t_ns, sequence, event)
         self._end = batch.first + len(batch.events)
 
     def flush(self) -> int:
@@ -174,7 +180,8 @@ class Tape:
     def _open(self, sequence: int) -> RecordingFile:
         fd, path = self._folder.create(self._wall())
         try:
-            self._file = RecordingFile(fd, path, self._orders.run, sequence, self._utc)
+            run = msgspec.structs.replace(self._orders.run, resume=self._state)
+            self._file = RecordingFile(fd, path, run, sequence, self._utc)
         except OSError:
             os.close(fd)
             path.unlink()
@@ -217,7 +224,7 @@ class Tape:
         topic: str,
         t_ns: int,
         sequence: int,
-        event: UtcSample | LineEvent,
+        event: UtcSample | LineEvent | Pulse,
     ) -> None:
         """An event that is its own JSON."""
         if not file.knows(topic):
