@@ -25,6 +25,7 @@ CODECS: dict[str, str] = {
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
+    "phins": "drivers.heading.phins:PHINS",
     "nmea-heading": "drivers.heading.nmea:NMEA_HEADING",
     "nmea-depth": "drivers.depth.nmea:NMEA_DEPTH",
     "pd0": "drivers.dvl.pd0:PD0",

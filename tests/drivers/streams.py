@@ -60,12 +60,23 @@ def _gnss() -> list[bytes]:
     ]
 
 
-STRONG = frozenset(IMU) | AIDING_STRONG | {"nmea0183", "nmea-gnss"}
+def _phins() -> list[bytes]:
+    return [
+        b"$HEHDT,116.581,T*25\r\n",
+        b"$PIXSE,SPEED_,0.972,1.082,0.412*61\r\n",
+        b"$PIXSE,ATITUD,-1.641,-0.490*6D\r\n",
+        b"$PIXSE,DEPIN_,732.811,085832.643253*7D\r\n",
+        b"$PIXSE,ALGSTS,00000045,00004000*60\r\n",
+    ]
+
+
+STRONG = frozenset(IMU) | AIDING_STRONG | {"phins", "nmea0183", "nmea-gnss"}
 """Codecs whose check finds every single flipped bit."""
 
 FRAMES: dict[str, list[bytes]] = {
     **IMU,
     **AIDING,
+    "phins": _phins(),
     "nmea0183": _nmea(),
     "nmea-gnss": _gnss(),
     **{
