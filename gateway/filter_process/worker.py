@@ -1,6 +1,7 @@
 """The filter process itself: reads measurements from its host, runs the estimator, answers."""
 
 import socket
+from collections.abc import Iterable
 
 from gateway import realtime
 from gateway.estimator import Estimator
@@ -12,7 +13,7 @@ from gateway.filter_process.channel import (
     receive,
 )
 from gateway.filter_process.progress import Progress
-from gateway.messages import Checkpoint, SavedState
+from gateway.messages import Checkpoint, FilterOutput, SavedState
 
 
 def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
@@ -29,16 +30,22 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
     collector.settle()
     realtime.enter(orders.config.realtime)  # what is not granted, the host has said
     taken = said = 0
-    while data := receive(channel):
-        progress.begin(taken, said)
-        measurement = read_in_worker(data)
-        assert not isinstance(measurement, Start)
-        for output in estimator.feed(measurement):
+
+    def answer(outputs: Iterable[FilterOutput]) -> None:
+        nonlocal said
+        for output in outputs:
             if not isinstance(output, SavedState | Checkpoint):
                 said += 1
                 if said <= start.heard:
                     continue
             channel.send(encode(output))
+
+    while data := receive(channel):
+        progress.begin(taken, said)
+        measurement = read_in_worker(data)
+        assert not isinstance(measurement, Start)
+        answer(estimator.feed(measurement))
         taken += 1
         progress.idle()
         collector.quiet()
+    answer(estimator.finish())  # heard where the host ends in peace

@@ -13,7 +13,7 @@ from gateway.outputs.files import seconds
 from gateway.recording.events import Raw, Report
 from gateway.recording.reader import RecordedRun
 from tests.gateway.recorded import topics
-from tests.integration.rig import USBLNAV, Rig
+from tests.integration.rig import USBLNAV, Rig, brisk
 from tests.shared_data import ROOT
 
 TABLES = ["nav.csv", "innovations.csv", "calibration.csv"]
@@ -22,11 +22,11 @@ TABLES = ["nav.csv", "innovations.csv", "calibration.csv"]
 class Taped:
     """A rig whose gateway records."""
 
-    def __init__(self, folder: Path, **settings: object) -> None:
+    def __init__(self, folder: Path, duration_s: float = 120.0, **settings: object) -> None:
         self._folder = folder
         self.tapes = folder / "tapes"
         self.tapes.mkdir()
-        self.rig = Rig(folder)
+        self.rig = Rig(folder, brisk(folder) | {"duration_s": duration_s})
         self.rig.write({"recording": {"folder": str(self.tapes), **settings}})
 
     def parts(self) -> list[Path]:
@@ -94,7 +94,7 @@ async def test_of_a_run_that_is_killed_a_second_is_lost_at_most(tmp_path: Path) 
 @pytest.mark.timeout(900)
 async def test_ten_minutes_with_a_filter_that_is_killed(tmp_path: Path) -> None:
     """``pytest -m slow tests/integration/test_recording.py``."""
-    taped = Taped(tmp_path, max_file_s=60)
+    taped = Taped(tmp_path, duration_s=720.0, max_file_s=60)
     rig = taped.rig
     rng = random.Random(4)
     async with rig.gateway(), rig.emulator():
