@@ -34,7 +34,7 @@ def export(recordings: Sequence[Path], out: Path) -> dict[str, Any]:
             finally:
                 told = {"recording": msgspec.to_builtins(run.counts)}
                 files.summary(told)
-    except (CaptureError, msgspec.MsgspecError) as error:
+    except (CaptureError, msgspec.MsgspecError, ValueError) as error:
         raise UsblnavError(str(error)) from error
     return told
 

@@ -39,6 +39,8 @@ _DAMAGE = (
     struct.error,
     msgspec.MsgspecError,
     ValueError,
+    MemoryError,  # these two for a damaged length
+    OverflowError,
 )
 
 
@@ -121,10 +123,16 @@ class RecordedRun:
         ------
         ConfigError
             Where another version wrote it, of which this one does not know every key.
+        CaptureError
+            Where it is damaged.
         """
         part = self._parts[0]
         faults: list[str] = []
-        config = build(Config, msgspec.json.decode(part.config), faults)
+        try:
+            plain = msgspec.json.decode(part.config)
+        except (msgspec.MsgspecError, ValueError) as error:
+            raise CaptureError(f"{part.path}: damaged (its configuration)") from error
+        config = build(Config, plain, faults)
         if config is None:
             said = "; ".join(faults)
             raise ConfigError(f"{part.path}: recorded by {part.software}: {said}; give one with -c")
@@ -143,7 +151,7 @@ class RecordedRun:
             return None
         try:
             return msgspec.msgpack.decode(part.resume, type=SavedState)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, ValueError) as error:
             raise CaptureError(
                 f"{part.path}: recorded by {part.software}, whose state is another; give a"
                 " configuration with -c to begin at its initial state"

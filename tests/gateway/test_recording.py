@@ -275,6 +275,23 @@ def test_damage_is_one_line_after_what_comes_before(tmp_path: Path, watch: Watch
     assert "\n" not in str(caught.value)
 
 
+def test_any_damage_is_a_fault_with_a_place(tmp_path: Path, watch: Watch) -> None:
+    written: list[Event] = [utc(), *(raw(n) for n in range(35)), nav(1)]
+    whole = unclosed(tmp_path, watch, written).read_bytes()
+    broken, rng = tmp_path / "broken", Random(1)
+    for _ in range(200):
+        at = rng.randrange(len(whole))
+        broken.write_bytes(whole[:at] + bytes([rng.randrange(256)]) + whole[at + 1 :])
+        found: list[Event] = []
+        try:
+            run = RecordedRun([broken])
+            run.config()
+            found.extend(run.events())
+        except (CaptureError, ConfigError) as error:
+            assert str(error).startswith(str(broken))
+        assert all(event in written for event in found)
+
+
 def test_events_that_two_writers_wrote_come_once(tmp_path: Path, watch: Watch) -> None:
     """One is killed before it could say what it has saved: the next is given that again."""
     written: list[Event] = [utc(), *(raw(n) for n in range(39))]
