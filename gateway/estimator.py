@@ -100,12 +100,15 @@ class Estimator:
         elif config.initial.align is not None:
             self._start = Start(config)
 
-    def feed(self, measurement: Measurement) -> Iterator[FilterOutput]:
-        """Take one measurement in the order of arrival; give what follows from it."""
-        self._received += 1
+    def feed(self, measurement: Measurement, count: int = 1) -> Iterator[FilterOutput]:
+        """Take one measurement in the order of arrival; give what follows from it.
+
+        It may stand for `count` blocks of samples that came one by one.
+        """
         for output in self._take(measurement):
             self._said += not isinstance(output, SavedState | Checkpoint)
             yield output
+        self._received += count
 
     def _take(self, measurement: Measurement) -> Iterator[FilterOutput]:
         """Take one measurement; give what follows."""
@@ -272,7 +275,7 @@ class Estimator:
         The block in hand does not count as received: it may go on beyond this sample.
         """
         note = self._timeline.note()
-        self._noted.append(_Totals(note, self._received - 1, self._said, self._samples))
+        self._noted.append(_Totals(note, self._received, self._said, self._samples))
         settled = self._timeline.settled()
         if settled is None:
             return

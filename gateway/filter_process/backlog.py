@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from itertools import islice
 
 
 class Backlog:
@@ -58,13 +59,21 @@ class Backlog:
             self._waiting.popleft()
             self.dropped += 1
 
-    def next(self) -> bytes | None:
-        """The input to send; None when nothing waits."""
-        return self._waiting[0] if self._waiting else None
+    def next(self, most: int, most_bytes: int) -> list[bytes]:
+        """The inputs to send, one at least if any wait."""
+        data: list[bytes] = []
+        size = 0
+        for waiting in islice(self._waiting, most):
+            size += len(waiting)
+            if data and size > most_bytes:
+                break
+            data.append(waiting)
+        return data
 
-    def sent(self) -> None:
-        """Note that the next input was sent."""
-        self._sent.append(self._waiting.popleft())
+    def sent(self, count: int) -> None:
+        """Note that the next inputs were sent."""
+        for _ in range(count):
+            self._sent.append(self._waiting.popleft())
 
     def cover(self, received: int) -> None:
         """Forget what a checkpoint includes that has `received` so many inputs."""

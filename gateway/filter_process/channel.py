@@ -43,16 +43,32 @@ class Ended(msgspec.Struct, frozen=True, array_like=True, tag="ended"):
     code: int
 
 
+class Many(msgspec.Struct, frozen=True, array_like=True, tag="many"):
+    """Measurements that had to wait, in their order."""
+
+    measurements: tuple[Measurement, ...]
+
+
+class _Encoded(msgspec.Struct, frozen=True, array_like=True, tag="many"):
+    """The same while it is written."""
+
+    measurements: list[msgspec.Raw]
+
+
 class Start(msgspec.Struct, frozen=True, array_like=True, tag="start"):
-    """First word to a worker: where to go on from, and how many answers were heard since."""
+    """First word to a worker: where to go on from, and how many answers were heard since.
+
+    One that is to go `one_by_one` shows what kills it.
+    """
 
     resume: Checkpoint | SavedState | None = None
     heard: int = 0
+    one_by_one: bool = False
 
 
 ToTemplate = Prepare | Fork
 FromTemplate = Compiling | Ready | Born | Ended
-ToWorker = Start | Measurement
+ToWorker = Start | Many | Measurement
 
 Message = bytes | memoryview
 
@@ -75,6 +91,13 @@ def receive(channel: socket.socket) -> memoryview:
     Into the same room each time: 60 us faster than asking for fresh room of that size.
     """
     return _room[: channel.recv_into(_room)]
+
+
+def encode_many(measurements: list[bytes]) -> bytes:
+    """Bytes of one message with some measurements, each of which is encoded already."""
+    if len(measurements) == 1:
+        return measurements[0]
+    return _encoder.encode(_Encoded([msgspec.Raw(data) for data in measurements]))
 
 
 def read_in_template(data: bytes) -> ToTemplate:

@@ -2,21 +2,23 @@
 
 import mmap
 import os
-from typing import NamedTuple
+from dataclasses import dataclass
 
-_CELLS = 2
+_CELLS = 3
 _BYTES = 8 * _CELLS
 _IDLE = -1
 
 
-class At(NamedTuple):
-    """The input that a worker is working in, and how many answers it had worked out before.
+@dataclass(frozen=True)
+class At:
+    """The inputs that a worker is working in.
 
-    Both count from the worker's start.
+    How many it had `taken` and answers `said` before, from its start on; and how many these are.
     """
 
     taken: int
     said: int
+    count: int
 
 
 class Progress:
@@ -25,8 +27,9 @@ class Progress:
     def __init__(self, fd: int) -> None:
         self._cells = memoryview(mmap.mmap(fd, _BYTES)).cast("q")
 
-    def begin(self, taken: int, said: int) -> None:
-        """Note the input that comes next."""
+    def begin(self, taken: int, said: int, count: int) -> None:
+        """Note the inputs that come next."""
+        self._cells[2] = count
         self._cells[1] = said
         self._cells[0] = taken
 
@@ -38,7 +41,7 @@ class Progress:
     def at(self) -> At | None:
         """What the worker is, or was, at; None while it waits."""
         taken = self._cells[0]
-        return None if taken == _IDLE else At(taken, self._cells[1])
+        return None if taken == _IDLE else At(taken, self._cells[1], self._cells[2])
 
 
 def shared() -> tuple[Progress, int]:

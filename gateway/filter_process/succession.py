@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 
 from gateway.filter_process.backlog import Backlog
-from gateway.filter_process.channel import Start, read_in_worker
+from gateway.filter_process.channel import Many, Start, read_in_worker
 from gateway.filter_process.progress import At
 from gateway.messages import Checkpoint, FilterOutput, NavSolution, SavedState
 
@@ -21,9 +21,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class _Suspect:
-    """An input that workers were at when they died."""
+    """Inputs of which one killed workers."""
 
-    number: int
+    numbers: range
     said: int
     deaths: int = 1
 
@@ -65,7 +65,7 @@ class Succession:
         at = self._from
         self._begun = (at.received, at.said) if isinstance(at, Checkpoint) else (0, 0)
         self._heard_before = self._heard
-        return Start(at, self._heard - self._begun[1])
+        return Start(at, self._heard - self._begun[1], one_by_one=self._suspect is not None)
 
     def take(self, output: FilterOutput) -> bool:
         """Hear a worker; whether it is news to the daemon."""
@@ -73,6 +73,8 @@ class Succession:
             case Checkpoint():
                 self._from = output
                 self.backlog.cover(output.received)
+                if self._suspect is not None and self._suspect.numbers[-1] < output.received:
+                    self._suspect = None
                 return False
             case SavedState():
                 if self._newest is not None and output.t_ns <= self._newest.t_ns:
@@ -91,19 +93,19 @@ class Succession:
         self.in_vain = 0 if self._heard > self._heard_before else self.in_vain + 1
         if at is None:
             return
-        number, said = self._begun[0] + at.taken, self._begun[1] + at.said
-        if self._suspect is not None and self._suspect.number == number:
-            self._suspect.deaths += 1
-        else:
-            self._suspect = _Suspect(number, said)
+        first, said = self._begun[0] + at.taken, self._begun[1] + at.said
+        before, now = self._suspect, _Suspect(range(first, first + at.count), said)
+        if before is not None and first in before.numbers:
+            now.deaths += before.deaths
+        self._suspect = now
 
     def _give_up_the_suspect(self) -> None:
         """Throw away an input that killed one worker after the other."""
         suspect = self._suspect
-        if suspect is None or suspect.deaths < TRIES:
+        if suspect is None or len(suspect.numbers) > 1 or suspect.deaths < TRIES:
             return
         _log.error("filter process: an input of which %d died is thrown away", suspect.deaths)
-        self.backlog.drop(suspect.number)
+        self.backlog.drop(suspect.numbers[0])
         self._heard = min(self._heard, suspect.said)  # what it said of this one is void
         self._suspect = None
 
@@ -119,7 +121,7 @@ class Succession:
         if self._newest is None:
             return True
         measurement = read_in_worker(data)
-        assert not isinstance(measurement, Start)
+        assert not isinstance(measurement, Start | Many)
         t = measurement.t_ns
         t_ns = t if isinstance(t, int) else int.from_bytes(t[-8:], "little", signed=True)
         return t_ns > self._newest.t_ns

@@ -1,19 +1,22 @@
 """The filter process itself: reads measurements from its host, runs the estimator, answers."""
 
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 
 from gateway import realtime
 from gateway.estimator import Estimator
 from gateway.filter_process.channel import (
+    Many,
     Prepare,
     Start,
+    ToWorker,
     encode,
     read_in_worker,
     receive,
 )
 from gateway.filter_process.progress import Progress
-from gateway.messages import Checkpoint, FilterOutput, SavedState
+from gateway.messages import Checkpoint, FilterOutput, ImuBlock, Measurement, SavedState
 
 
 def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
@@ -41,11 +44,27 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
             channel.send(encode(output))
 
     while data := receive(channel):
-        progress.begin(taken, said)
-        measurement = read_in_worker(data)
-        assert not isinstance(measurement, Start)
-        answer(estimator.feed(measurement))
-        taken += 1
-        progress.idle()
+        for measurement, count in _runs(read_in_worker(data), start.one_by_one):
+            progress.begin(taken, said, count)
+            answer(estimator.feed(measurement, count))
+            taken += count
+            progress.idle()
         collector.quiet()
     answer(estimator.finish())  # heard where the host ends in peace
+
+
+def _runs(message: ToWorker, one_by_one: bool) -> Iterator[tuple[Measurement, int]]:
+    """What a message brings, blocks of samples that follow each other as one; and their number."""
+    assert not isinstance(message, Start)
+    if not isinstance(message, Many):
+        yield message, 1
+    elif one_by_one:
+        yield from ((measurement, 1) for measurement in message.measurements)
+    else:
+        for is_block, group in groupby(message.measurements, lambda m: isinstance(m, ImuBlock)):
+            if is_block:
+                blocks = [block for block in group if isinstance(block, ImuBlock)]
+                t_ns = b"".join(block.t_ns for block in blocks)
+                yield ImuBlock(t_ns, b"".join(block.rows for block in blocks)), len(blocks)
+            else:
+                yield from ((measurement, 1) for measurement in group)
