@@ -74,13 +74,23 @@ class CompensatedRecord(Measured, frozen=True, kw_only=True, tag_field="record",
     delta_velocity_m_s: Vec3 | UnsetType = UNSET
 
 
+class TimeDifference(msgspec.Struct, frozen=True, kw_only=True):
+    """How much later sound reached one element of an array than another (s)."""
+
+    element: str
+    than: str
+    delay_s: float
+
+
 class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="usbl"):
     """One acoustic fix: a beacon seen from the array (x forward, y starboard, z down).
 
     ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` =
     atan2(-z, hypot(x, y)), positive up, so a beacon below is negative. What a sentence does not
     carry is None. ``axes`` says what bearing and xyz refer to: the array itself, or
-    north/east/down where the topside has already turned them.
+    north/east/down where the topside has already turned them. ``one_way_s`` is the sound's way
+    from the beacon, ``differences`` what direction is made of; ``range_rate_m_s`` is positive when
+    the distance grows.
     """
 
     beacon: str
@@ -96,6 +106,8 @@ class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="u
     lat_deg: float | UnsetType = UNSET
     lon_deg: float | UnsetType = UNSET
     depth_m: float | UnsetType = UNSET
+    one_way_s: float | UnsetType = UNSET
+    differences: tuple[TimeDifference, ...] | UnsetType = UNSET
 
 
 class LblReply(msgspec.Struct, frozen=True, kw_only=True):

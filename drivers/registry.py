@@ -23,6 +23,7 @@ CODECS: dict[str, str] = {
     "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
+    "evologics": "drivers.usbl.evologics:EVOLOGICS",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

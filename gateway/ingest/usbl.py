@@ -28,10 +28,10 @@ class UsblIngest(DeviceIngest):
             return
         t_ns = self._valid_at_ns(record, record.t_device_s)
         fault = _fault(record)
-        if fault is None:
-            self._fixes.append(self._fix(record, t_ns))
-        else:
+        if fault is not None:
             self.counts.ignored[fault] += 1
+        elif _sights(record):
+            self._fixes.append(self._fix(record, t_ns))
         if record.range_rate_m_s is not None:
             self._fixes.append(
                 RadialRate(t_ns, self._name, record.beacon, (record.range_rate_m_s,))
@@ -56,11 +56,15 @@ class UsblIngest(DeviceIngest):
 
 
 def _fault(record: UsblRecord) -> str | None:
-    """Why a record is no sighting from the array; None if it is one."""
+    """Why a record is of no use; None if it holds a sighting from the array or a rate alone."""
     if not record.valid:
         return record.error_code or "invalid"
-    carries = record.bearing_deg is not None or record.slant_range_m is not None
+    carries = _sights(record) or record.range_rate_m_s is not None
     return None if record.axes == "array" and carries else "not_array_axes"
+
+
+def _sights(record: UsblRecord) -> bool:
+    return record.bearing_deg is not None or record.slant_range_m is not None
 
 
 def _radians(degrees: float | None) -> float | None:

@@ -17,6 +17,7 @@ from drivers.records import (
 )
 from tests.drivers.aiding_frames import AIDING, AIDING_STRONG
 from tests.drivers.imu_frames import IMU
+from tests.drivers.usbl_frames import USBL, USBL_STRONG
 
 
 def _usbl(codec: str) -> list[bytes]:
@@ -70,12 +71,13 @@ def _phins() -> list[bytes]:
     ]
 
 
-STRONG = frozenset(IMU) | AIDING_STRONG | {"phins", "nmea0183", "nmea-gnss"}
+STRONG = frozenset(IMU) | AIDING_STRONG | USBL_STRONG | {"phins", "nmea0183", "nmea-gnss"}
 """Codecs whose check finds every single flipped bit."""
 
 FRAMES: dict[str, list[bytes]] = {
     **IMU,
     **AIDING,
+    **USBL,
     "phins": _phins(),
     "nmea0183": _nmea(),
     "nmea-gnss": _gnss(),

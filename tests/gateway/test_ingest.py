@@ -363,6 +363,13 @@ def test_a_record_that_is_no_fix_says_why(changes, reason):
     assert dict(ingest.counts.ignored) == {reason: 1}
 
 
+def test_a_rate_alone_is_a_measurement():
+    ingest = usbl()
+    ingest.take(sighting(bearing_deg=None, slant_range_m=None, range_rate_m_s=-1.5))
+    assert [type(m).__name__ for m in ingest.flush()] == ["RadialRate"]
+    assert not ingest.counts.ignored
+
+
 def test_an_imu_record_is_no_fix():
     ingest = usbl()
     ingest.take(sample(0))
