@@ -52,12 +52,14 @@ def seconds_of_day(text: str) -> float:
     return hours * 3600 + minutes * 60 + seconds
 
 
-def clock(t_s: float | None) -> str:
+def clock(t_s: float | None, decimals: int = 2) -> str:
     """Write ``hhmmss.ss``, or an empty field for no time."""
     if t_s is None:
         return ""
-    minutes, cs = divmod(round(t_s * 100) % 8_640_000, 6000)
-    return f"{minutes // 60:02d}{minutes % 60:02d}{cs // 100:02d}.{cs % 100:02d}"
+    unit = 10**decimals
+    seconds, part = divmod(round(t_s * unit) % (86_400 * unit), unit)
+    minutes = seconds // 60
+    return f"{minutes // 60:02d}{minutes % 60:02d}{seconds % 60:02d}.{part:0{decimals}d}"
 
 
 def unix_day(year: int, month: int, day: int) -> int:

@@ -87,10 +87,10 @@ class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="u
 
     ``bearing_deg`` = atan2(y, x), positive to starboard; ``elevation_deg`` =
     atan2(-z, hypot(x, y)), positive up, so a beacon below is negative. What a sentence does not
-    carry is None. ``axes`` says what bearing and xyz refer to: the array itself, or
-    north/east/down where the topside has already turned them. ``one_way_s`` is the sound's way
-    from the beacon, ``differences`` what direction is made of; ``range_rate_m_s`` is positive when
-    the distance grows.
+    carry is None. ``axes`` says what bearing and xyz refer to: the array itself, the same levelled
+    (roll and pitch taken out), or north/east/down where the topside has already turned them.
+    ``one_way_s`` is the sound's way from the beacon, ``differences`` what direction is made of;
+    ``range_rate_m_s`` is positive when the distance grows.
     """
 
     beacon: str
@@ -102,7 +102,7 @@ class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="u
     valid: bool = True
     error_code: str | None = None
     range_rate_m_s: float | None = None
-    axes: Literal["array", "north"] = "array"
+    axes: Literal["array", "level", "north"] = "array"
     lat_deg: float | UnsetType = UNSET
     lon_deg: float | UnsetType = UNSET
     depth_m: float | UnsetType = UNSET

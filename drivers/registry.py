@@ -24,6 +24,7 @@ CODECS: dict[str, str] = {
     "tracklink-gll": "drivers.usbl.tracklink.gll:GLL",
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
     "evologics": "drivers.usbl.evologics:EVOLOGICS",
+    "psimssb": "drivers.usbl.psimssb:PSIMSSB",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

@@ -13,6 +13,14 @@ USBL: dict[str, list[bytes]] = {
         b"USBLLONG,1377811852.499612,1377811852.365264,2,1099.5699,-1000.1375,2.3383,1000.1375,"
         b"-1099.5699,-2.3382,3.1416,-0.0000,-1.5708,990922,-40,120,0.0001\r\n",
     ],
+    "psimssb": [
+        b"$PSIMSSB,083733.386,M17,A,,C,N,F,46.649,1.632,24.829,1.414,T,0.033681,*54\r\n",
+        b"$PSIMSSB,180554.432,M44,A,,C,N,M,-61.300,39.017,34.026,0.072,T,0.050576,*47\r\n",
+        b"$PSIMSNS,075617.446,,1,1,-1.27,-1.13,-0.04,250.87,,a0,0.000,,M121*59\r\n",
+        b"$PSIMSSB,094532.523,M17,V,NRy,C,N,M,,,,,T,0.002245,*25\r\n",
+        b"$PSIMSSB,083733.036,M17,A,NRy,C,N,F,0.000,0.000,0.000,20.000,T,0.003731,*08\r\n",
+        b"$PSIMSSB,120000.500,B12,A,,C,H,M,-40.000,30.000,50.000,0.5,N,,*4F\r\n",
+    ],
 }
-USBL_STRONG: frozenset[str] = frozenset()
+USBL_STRONG = frozenset({"psimssb"})
 """Of these, the codecs whose check finds every single flipped bit."""
