@@ -51,11 +51,11 @@ class Taped:
 
 
 async def test_a_replay_of_a_live_run_gives_its_solutions(tmp_path: Path) -> None:
-    taped = Taped(tmp_path, max_file_s=3)
+    taped = Taped(tmp_path, max_file_s=2)
     rig = taped.rig
     async with rig.gateway(), rig.emulator():
         rig.hear_zenoh()
-        await rig.until("eight fixes", lambda: rig.navs and rig.navs[-1].fixes_used >= 8)
+        await rig.until("five fixes", lambda: rig.navs and rig.navs[-1].fixes_used >= 5)
         await rig.until("a second part", lambda: taped.parts()[1:])
         tape = rig.statuses[-1]["outputs"][-1]
         assert tape["name"] == f"recording {taped.tapes}"
@@ -65,7 +65,7 @@ async def test_a_replay_of_a_live_run_gives_its_solutions(tmp_path: Path) -> Non
         assert taped.table("replay", name) == taped.table("export", name)
     rows = taped.table("export", "nav.csv").decode().splitlines()
     assert {seconds(nav.utc_ns) for nav in heard} <= {row.split(",")[0] for row in rows}
-    assert len(taped.table("export", "innovations.csv").splitlines()) > 24
+    assert len(taped.table("export", "innovations.csv").splitlines()) > 15
     run = taped.run()
     assert list(run.events())
     assert (run.counts.missing, run.counts.repeated, run.counts.unclosed) == (0, 0, 0)
@@ -78,7 +78,8 @@ async def test_of_a_run_that_is_killed_a_second_is_lost_at_most(tmp_path: Path) 
     rig = taped.rig
     async with rig.emulator(), rig.gateway(ends=-signal.SIGKILL):
         await rig.until("a true position", rig.is_right)
-        await rig.until("two seconds more", lambda: len(rig.epochs) > 40)
+        seen = len(rig.epochs)
+        await rig.until("half a second more", lambda: len(rig.epochs) > seen + 5)
         os.killpg(rig.process.pid, signal.SIGKILL)
         killed_ns = time.monotonic_ns()
     run = taped.run()
