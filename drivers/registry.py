@@ -25,6 +25,7 @@ CODECS: dict[str, str] = {
     "tracklink-log": "drivers.usbl.tracklink.log:LOG",
     "evologics": "drivers.usbl.evologics:EVOLOGICS",
     "psimssb": "drivers.usbl.psimssb:PSIMSSB",
+    "gaps": "drivers.usbl.gaps:GAPS",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",
