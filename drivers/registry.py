@@ -26,6 +26,8 @@ CODECS: dict[str, str] = {
     "evologics": "drivers.usbl.evologics:EVOLOGICS",
     "psimssb": "drivers.usbl.psimssb:PSIMSSB",
     "gaps": "drivers.usbl.gaps:GAPS",
+    "psonlld": "drivers.usbl.sonardyne:PSONLLD",
+    "pazm3": "drivers.usbl.zima:PAZM3",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

@@ -30,6 +30,19 @@ USBL: dict[str, list[bytes]] = {
         b"\r\n",
         b"$PTSAH,0,359.671,0.000*4D\r\n",
     ],
+    "psonlld": [
+        b"$PSONLLD,170004.53,ALVIN 914,A,28.8114807,-87.80925696,1951.156,13.96,13.96,0.00,2.62,,,,"
+        b"*6F\r\n",
+        b"$PSONALL,Ship 1,CRP,134446.175,650879.00,5688874.16,0.00,180.00,,G,0.00,0.00,,0.109,"
+        b"0.001*51\r\n",
+        b"$PSONLLD,170005.53,ALVIN 914,V,,,,,,,,,,,*7B\r\n",
+        b"$PSONLLD,133707.59,Ship 1,A,51.3306281,-0.83499295,0.000,0.08,0.08,0.00,0.01,,,,*1D\r\n",
+    ],
+    "pazm3": [
+        b"$PAZM3,1,0,0,38,23.8,0.080975,115.3,113.0,22.8,325.8,11.4,1147.22,4.5,,2.6,-2.9*0E\r\n",
+        b"$PAZM3,2,5,0,0,,,,,,,,,,,,*32\r\n",
+        b"$PAZM3,1,2,0,38,21.0,0.333333,500.0,433.0,250.0,90.0,30.0,1147.22,4.5,,2.6,-2.9*0C\r\n",
+    ],
 }
-USBL_STRONG = frozenset({"psimssb", "gaps"})
+USBL_STRONG = frozenset({"psimssb", "gaps", "psonlld"})
 """Of these, the codecs whose check finds every single flipped bit."""
