@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.fusion import initial
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import MISSING, Filter, Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
 from gateway.fusion.restart import LONG_ABSENCE_S, inflate
@@ -33,7 +33,7 @@ from gateway.messages import (
 )
 from gateway.modes import Mode
 from gateway.order import OrderCounts, Refusal
-from gateway.timeline import Note, Timeline
+from gateway.timeline import MAX_WAITING, Note, Timeline, start_ns
 
 CALIBRATION_PERIOD_NS = 1_000_000_000
 
@@ -78,6 +78,8 @@ class Estimator:
         self._engine = engine
         self._period_ns = round(1e9 / rate_hz)
         self._max_fix_age_ns = int(config.filter.max_fix_age_s * 1e9)
+        self._max_gap_s = config.filter.max_gap_s
+        self._counts = OrderCounts()
         self._samples = 0
         self._resets = 0
         self._t_last_ns = 0
@@ -114,14 +116,19 @@ class Estimator:
         """Take one measurement; give what follows."""
         if isinstance(measurement, ImuBlock):
             yield from self._feed_samples(measurement)
-        elif self._start is not None:
-            self._start.fixes.append(measurement)
         else:
-            yield from self._feed_fix(measurement)
+            yield from self._take_fix(measurement)
+
+    def _take_fix(self, fix: Fix) -> Iterator[Innovation]:
+        """Take a fix; keep it while the attitude is not found."""
+        if self._start is not None:
+            yield from self._keep_for(self._start, fix)
+        else:
+            yield from self._feed_fix(fix)
 
     def counts(self) -> FilterCounts:
         """Running totals."""
-        memory, order = self._filter.memory, self._timeline.counts
+        memory, order = self._filter.memory, self._counts
         return FilterCounts(
             t_ns=self._t_last_ns,
             imu_samples=self._samples,
@@ -141,14 +148,14 @@ class Estimator:
     def _begin(self, memory: Memory, after: Note | None = None) -> None:
         """Start a filter and a history, empty but for what a note tells."""
         self._filter = self._engine(initial.model(self._config), memory)
-        choice = self._config.filter
         self._timeline: Timeline[Innovation] = Timeline(
             self._filter,
             self._config.imu[1].rate_hz,
-            choice.history_s,
-            ahead_s=choice.max_gap_s,
+            self._config.filter.history_s,
+            ahead_s=self._max_gap_s,
             after=after,
         )
+        self._timeline.counts = self._counts
         self._noted: deque[_Totals] = deque()
 
     def _go_on(self, at: Checkpoint) -> None:
@@ -161,9 +168,9 @@ class Estimator:
         self._sound = memory.state.copy()
         known = tuple((fix.t_ns, _key(fix), fix) for fix in at.fixes)
         counts = at.fixes_late, at.fixes_too_late, at.fixes_too_early, at.fixes_duplicate
-        order = OrderCounts(*counts)
+        self._counts = OrderCounts(*counts)
         past = {t_ns: np.frombuffer(row).copy() for t_ns, row in at.past.items()}
-        self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, order, past=past))
+        self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, self._counts, past=past))
 
     def _come_back(self, saved: SavedState, t_ns: int) -> None:
         """Take up a state of earlier for what it is worth now."""
@@ -173,18 +180,36 @@ class Estimator:
         self._sound = memory.state.copy()
         if self._config.initial.align is not None and away_s > LONG_ABSENCE_S:
             self._start = Start(self._config, memory.state.copy())
-        order = self._timeline.counts
         self._begin(memory)
-        self._timeline.counts = order
+
+    def _lose_sight(self, t_ns: int) -> Iterator[Innovation]:
+        """Begin again after a silence too long to be bridged, at its end.
+
+        Of the sample that stands in for it nothing is used.
+        """
+        memory, waiting = self._filter.memory, self._timeline.waiting()
+        if self._start is not None:
+            memory = replace(memory, state=self._start.waiting(self._t_last_ns))
+            waiting += self._start.fixes
+            self._start = None
+        self._come_back(saved(memory, self._t_last_ns), t_ns)
+        self._timeline.begin(t_ns)
+        self._samples += 1
+        self._t_last_ns = t_ns
+        for fix in waiting:
+            if fix.t_ns <= t_ns:
+                yield _refused(fix, self._counts.refuse(Refusal.TOO_LATE))
+            else:
+                yield from self._take_fix(fix)
 
     def _begin_again(self) -> Iterator[Innovation]:
         """Start at the last sound state with the configured uncertainty."""
         sound, fresh = self._sound, initial.initial_state(self._config)
         self._resets += 1
-        before = self._timeline
+        waiting = self._timeline.waiting()
         self._begin(Memory(State.at(sound.C_eb, sound.v_eb_e, sound.r_e, fresh.P, fresh.columns)))
-        self._timeline.counts = before.counts
-        for fix in before.waiting():
+        self._timeline.begin(self._t_last_ns)
+        for fix in waiting:
             yield from self._feed_fix(fix)
 
     def _feed_samples(self, block: ImuBlock) -> Iterator[FilterOutput]:
@@ -195,7 +220,28 @@ class Estimator:
             new = t_ns > self._taken_ns
             t_ns, rows = t_ns[new], rows[new]
         if self._away is not None and len(t_ns):
-            self._come_back(self._away, int(t_ns[0]) - round(float(rows[0, 0]) * 1e9))
+            self._come_back(self._away, start_ns(t_ns, rows))
+        begin = 0
+        for k in self._too_long(rows):
+            yield from self._feed_stretch(t_ns[begin:k], rows[begin:k])
+            is_due = bool(self._due(t_ns[k : k + 1]))
+            yield from self._lose_sight(int(t_ns[k]))
+            if is_due:
+                yield from self._report(int(t_ns[k]))
+            begin = k + 1
+        yield from self._feed_stretch(t_ns[begin:], rows[begin:])
+
+    def _too_long(self, rows: NDArray[np.float64]) -> list[int]:
+        """Which samples stand in for more than can be bridged; before the first nothing is lost."""
+        if not len(rows) or rows[:, MISSING].max() <= self._max_gap_s:
+            return []
+        long: list[int] = np.flatnonzero(rows[:, MISSING] > self._max_gap_s).tolist()
+        return long if self._samples else [k for k in long if k]
+
+    def _feed_stretch(
+        self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]
+    ) -> Iterator[FilterOutput]:
+        """Run over samples without a gap that is too long."""
         begin = 0
         for end in self._due(t_ns):
             yield from self._extend(t_ns[begin:end], rows[begin:end])
@@ -219,7 +265,18 @@ class Estimator:
             for fix in start.fixes:
                 yield from self._feed_fix(fix)
             t_ns, rows = start.samples
+        if self._timeline.t_head_ns is None:
+            for fix in self._timeline.begin(start_ns(t_ns, rows)):
+                yield _refused(fix, Refusal.TOO_LATE)
         yield from self._timeline.extend(t_ns, rows)
+
+    def _keep_for(self, start: Start, fix: Fix) -> Iterator[Innovation]:
+        """Keep a fix until the attitude is found, within bounds."""
+        far_ns = self._t_last_ns + round(self._max_gap_s * 1e9)
+        if len(start.fixes) < MAX_WAITING and not (self._samples and fix.t_ns > far_ns):
+            start.fixes.append(fix)
+        else:
+            yield _refused(fix, self._counts.refuse(Refusal.TOO_EARLY))
 
     def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
         """Give a fix its place in time."""
@@ -227,7 +284,7 @@ class Estimator:
         if self._away is None:
             verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
         else:  # it is of the time away
-            verdicts = self._timeline.counts.refuse(Refusal.TOO_LATE)
+            verdicts = self._counts.refuse(Refusal.TOO_LATE)
         if isinstance(verdicts, Refusal):
             yield _refused(fix, verdicts)
         else:

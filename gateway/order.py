@@ -81,9 +81,11 @@ class Order:
         """Index of the first entry after a time."""
         return bisect_right(self._entries, t_ns, key=_time)
 
-    def forget(self, before: int) -> None:
-        """Forget the entries before an index."""
+    def forget(self, before: int) -> list[Entry]:
+        """Take out the entries before an index."""
+        forgotten = self._entries[:before]
         del self._entries[:before]
+        return forgotten
 
 
 def _identity(entry: Entry) -> tuple[int, str]:

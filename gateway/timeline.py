@@ -37,7 +37,7 @@ SLICE = 400
 """Samples run again at once: half a millisecond."""
 UPDATE = 200
 """Samples for which a measurement counts."""
-MAX_WAITING = 1000
+MAX_WAITING = 10_000
 """Measurements that may wait for the samples to reach them."""
 
 
@@ -185,7 +185,7 @@ class Timeline(Generic[V]):
         """
         verdicts: list[V] = []
         if self._began_ns is None and len(t_ns):
-            self._begin(int(t_ns[0]) - round(float(rows[0, 0]) * 1e9))
+            self.begin(start_ns(t_ns, rows))
         for begin in range(0, len(t_ns), CHUNK):
             part = slice(begin, begin + CHUNK)
             self._forget()
@@ -193,6 +193,19 @@ class Timeline(Generic[V]):
             self._history.append(t_ns[part], rows[part], self._snapshots[0][0])
             self._advance(head, verdicts)
         return verdicts
+
+    def begin(self, t_ns: int) -> list[Any]:
+        """Set the moment of the state that the engine begins with, where no sample has come.
+
+        Otherwise it is the start of the first one. Gives the measurements that waited but lie
+        before: they are refused.
+        """
+        self._began_ns = self._first_ns = t_ns
+        self._begin_history(t_ns)
+        stale = self._order.forget(self._order.after(t_ns))
+        for _ in stale:
+            self.counts.refuse(Refusal.TOO_LATE)
+        return [entry.measurement for entry in stale]
 
     def insert(self, measurement: Any, t_ns: int, key: str) -> list[V] | Refusal:
         """Take a measurement; give the verdicts it leads to, now or (an empty list) later.
@@ -294,14 +307,6 @@ class Timeline(Generic[V]):
         """Moment before the first sample of all."""
         assert self._began_ns is not None
         return self._began_ns
-
-    def _begin(self, t_ns: int) -> None:
-        """Set the moment of the state that the engine begins with."""
-        self._began_ns = self._first_ns = t_ns
-        self._begin_history(t_ns)
-        stale = self._order.after(t_ns)
-        self.counts.too_late += stale
-        self._order.forget(stale)
 
     def _begin_history(self, t_ns: int) -> None:
         """Make the engine's state the one before the first sample."""
@@ -437,3 +442,8 @@ class Timeline(Generic[V]):
         if self._notes:
             oldest = min(oldest, self._notes[0].t_ns)
         self._order.forget(self._order.after(oldest - 1))
+
+
+def start_ns(t_ns: Times, rows: Array) -> int:
+    """Start of the first of some samples."""
+    return int(t_ns[0]) - round(float(rows[0, 0]) * 1e9)

@@ -14,10 +14,10 @@ from gateway.fusion.kalman import (
     normalised_square,
     update,
 )
-from gateway.fusion.observation import Model, observe
+from gateway.fusion.observation import Model, observe, place
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
-from gateway.messages import Component, Fix, Innovation
+from gateway.messages import Component, Fix, Innovation, UsblFix
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 from gateway.timeline import Track
@@ -42,6 +42,10 @@ LONG_GAP_S = 2.0
 """Longest gap in which it may: after more the vehicle has moved unseen."""
 CAREFUL_PARTS = 30
 """Parts in which a fix is used while the estimate may be far off, each linearised anew."""
+LOST = 0.3
+"""Uncertainty over the range from which on a fix gives the place, and angles are not linear."""
+ANYWHERE, ANY_VELOCITY = 30.0, 10.0
+"""What is added to a place (over the range) and velocity (m/s) that are to be forgotten."""
 
 
 @dataclass
@@ -81,26 +85,35 @@ class Filter:
 
     def advance(self, rows: Array, track: Array) -> None:
         """Carry the state over whole samples."""
-        state, begin = self.memory.state, 0
+        begin = 0
         for k in np.flatnonzero(rows[:, MISSING] > LONG_GAP_S).tolist():
-            strapdown.run(state.x, state.P, rows[begin:k], self.model.q, track[begin:k])
-            self._lose_sight(float(rows[k, 0]))
+            self._carry(rows[begin:k], track[begin:k])
+            self._lose_sight(rows[k], 0.0, 1.0)
             self.mark(track[k])
             begin = k + 1
-        strapdown.run(state.x, state.P, rows[begin:], self.model.q, track[begin:])
+        self._carry(rows[begin:], track[begin:])
 
     def advance_part(self, row: Array, begin: float, end: float) -> None:
         """Carry the state over a share of one sample."""
-        state = self.memory.state
         if row[MISSING] > LONG_GAP_S:
-            self._lose_sight((end - begin) * float(row[0]))
+            self._lose_sight(row, begin, end)
         else:
-            strapdown.advance(state.x, state.P, row, begin, end, self.model.q)
+            self._carry_part(row, begin, end)
 
-    def _lose_sight(self, away_s: float) -> None:
-        """Let the pose go on unseen.  # (M.135)-(M.138)"""
+    def _carry(self, rows: Array, track: Array) -> None:
+        """Run over whole samples none of which stands in for a long gap."""
+        state = self.memory.state
+        strapdown.run(state.x, state.P, rows, self.model.q, track)
+
+    def _carry_part(self, row: Array, begin: float, end: float) -> None:
+        """Run over a share of one."""
+        state = self.memory.state
+        strapdown.advance(state.x, state.P, row, begin, end, self.model.q)
+
+    def _lose_sight(self, row: Array, begin: float, end: float) -> None:
+        """Let the pose go on unseen over a share of a long gap.  # (M.135)-(M.138)"""
         x, before = self.memory.state.x, self.memory.state.r_e.copy()
-        forget(x, self.memory.state.P, away_s)
+        forget(x, self.memory.state.P, (end - begin) * float(row[0]))
         x[strapdown.S_E] += x[strapdown.R_E] - before
         x[strapdown.LAST] = 0.0  # no sample goes before the next one
 
@@ -154,23 +167,50 @@ class Filter:
         return heard[1]
 
     def _use(self, z: Linearised, S: Array, nis: float, fix: Fix, track: Track) -> None:
-        """Update by a fix; in small parts while the estimate may be far off.  # (M.36)"""
+        """Update by a fix: with care while the estimate may be far off."""
         memory = self.memory
         locked_out = memory.refused_in_a_row > LOCK_OUT
-        careful = locked_out or self._gate_is_open()
-        parts = CAREFUL_PARTS if careful else 1
-        weakening = 1.0 if careful else robust.inflation(self.model.robust, nis, len(z.residual))
-        update(memory.state, _weakened(z, parts * weakening), self.model.error, self.origin_e)
-        for _ in range(1, parts):
-            again = self._observe(fix, track)
-            if not isinstance(again, str):
-                update(memory.state, _weakened(again, parts), self.model.error, self.origin_e)
-        if self.model.adaptive_noise and not careful:
-            robust.learn_noise(memory.noise, fix.device, z, S)
+        if locked_out or self._gate_is_open():
+            self._use_with_care(z, fix, track)
+        else:
+            weakening = robust.inflation(self.model.robust, nis, len(z.residual))
+            self._update(_weakened(z, weakening))
+            if self.model.adaptive_noise:
+                robust.learn_noise(memory.noise, fix.device, z, S)
         memory.used += 1
         if fix.locates:
             memory.t_used_ns = fix.t_ns
             self._trust(locked_out)
+
+    def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
+        """Update in small parts, each linearised anew; or by the place alone.  # (M.36)"""
+        sound = fix.slant_range if isinstance(fix, UsblFix) else None
+        if sound is not None and _is_far(self.memory.state.P[POS, POS], sound):
+            found = place(self.model, self.memory.state, fix, track)
+            if found is not None:
+                self._take_place(found, sound)
+                return
+        self._update(_weakened(z, CAREFUL_PARTS))
+        for _ in range(1, CAREFUL_PARTS):
+            again = self._observe(fix, track)
+            if not isinstance(again, str):
+                self._update(_weakened(again, CAREFUL_PARTS))
+
+    def _take_place(self, found: Linearised, slant_range: float) -> None:
+        """Update by the place that a fix gives.  # (M.139)
+
+        A place and a velocity that were as good as unknown are forgotten first: what is left of
+        them would turn a heading that is unknown too.
+        """
+        P = self.memory.state.P
+        if _is_far(innovation_covariance(P, found), slant_range):
+            P[POS, POS] += (ANYWHERE * slant_range) ** 2 * np.eye(3)
+            P[VEL, VEL] += ANY_VELOCITY**2 * np.eye(3)
+        self._update(found)
+
+    def _update(self, z: Linearised) -> None:
+        """Correct the state."""
+        update(self.memory.state, z, self.model.error, self.origin_e)
 
     def _trust(self, locked_out: bool) -> None:
         """Count a used fix towards the end of a lock-out."""
@@ -204,6 +244,11 @@ class Filter:
         """Verdict on a fix that cannot be used."""
         self.memory.gated += 1
         return Innovation(fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, reason)
+
+
+def _is_far(P: Array, slant_range: float) -> bool:
+    """Whether a place of covariance `P` is uncertain by much of a range."""
+    return bool(np.trace(P) > 3.0 * (LOST * slant_range) ** 2)
 
 
 def _weakened(z: Linearised, parts: float) -> Linearised:

@@ -5,6 +5,8 @@ the range carried into it (seed 004), or one sigma for all (seeds 000 and 002); 
 of the array are the states of the tight model.  # (M.82)-(M.84)
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,6 +71,18 @@ def linearise(
     R = noise @ noise.T if sigma_m is None else np.eye(3) * sigma_m**2
     H = np.ascontiguousarray(C_ne @ H[:, state.columns])
     return Linearised(C_ne @ residual, H, R, ROW_NAMES)
+
+
+def turning_the_beacon(z: Linearised, beacon_e: Array) -> Linearised:
+    """The same position for a right-invariant error of any size.  # (M.139)
+
+    Its derivative at the estimate turns the place that the fix gives. That place may be far from
+    the beacon; what the error turns is the beacon.
+    """
+    lat, lon, _ = ecef_to_lla(beacon_e)
+    H = z.H.copy()
+    H[:, ATT] += skew(z.residual) @ C_en(lat, lon).T
+    return replace(z, H=H)
 
 
 def _range_at_reception(

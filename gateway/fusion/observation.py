@@ -1,6 +1,6 @@
 """From a measurement's message to its linearised model: which beacon, which noise, which past."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from gateway.fusion import (
     usbl,
     velocity,
 )
-from gateway.fusion.errors import ErrorDefinition
+from gateway.fusion.errors import RIGHT, ErrorDefinition
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.radial_velocity import Doppler
 from gateway.fusion.ranging import Past
@@ -136,6 +136,21 @@ def observe(model: Model, state: State, fix: Fix, track: Track) -> Linearised | 
             return _observe_sound(model, state, fix, track)
         case _:
             return _observe_vehicle(model.mount(fix.device), state, fix)
+
+
+def place(model: Model, state: State, fix: Fix, track: Track) -> Linearised | None:
+    """A whole acoustic fix as the position that it gives, for errors of any size.  # (M.139)
+
+    None for any other measurement.
+    """
+    if not isinstance(fix, UsblFix):
+        return None
+    z = observe(replace(model, loose=Loose(None)), state, fix, track)
+    if isinstance(z, str):
+        return None
+    if model.error.kind != RIGHT:
+        return z
+    return loose.turning_the_beacon(z, model.beacons[fix.beacon].r_e)
 
 
 def _observe_vehicle(mount: Mount, state: State, fix: OfTheVehicle) -> Linearised | str:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.filter import Filter
+from gateway.fusion.restart import unseen_transition
 from gateway.fusion.state import State
 from gateway.messages import Fix, Innovation
 from gateway.nav import transition
@@ -96,8 +97,7 @@ class RecordingFilter(NotingFilter):
         self._share = 0.0
         self._knot()
 
-    def advance(self, rows: Array, track: Array) -> None:
-        """Carry the state over whole samples."""
+    def _carry(self, rows: Array, track: Array) -> None:
         state = self.memory.state
         transition.run(state.x, state.P, self._Phi, rows, self.model.q, track)
         self._consume(rows)
@@ -105,14 +105,19 @@ class RecordingFilter(NotingFilter):
         if self._since_s >= KNOT_S:
             self._knot()
 
-    def advance_part(self, row: Array, begin: float, end: float) -> None:
-        """Carry the state over a share of one sample."""
+    def _carry_part(self, row: Array, begin: float, end: float) -> None:
         state = self.memory.state
         transition.advance(state.x, state.P, self._Phi, row, begin, end, self.model.q)
         self._since_s += (end - begin) * float(row[0])
-        self._share = end
-        if end == 1.0:
-            self._consume(row[None])
+        self._pass(row, end)
+
+    def _lose_sight(self, row: Array, begin: float, end: float) -> None:
+        """A knot on either side: in between nothing can be interpolated."""
+        self._knot()
+        super()._lose_sight(row, begin, end)
+        self._Phi = unseen_transition((end - begin) * float(row[0]))
+        self._pass(row, end)
+        self._knot()
 
     def apply(self, fix: Fix, track: Track) -> Innovation:
         """Use one fix at its time, or say why not.
@@ -148,6 +153,12 @@ class RecordingFilter(NotingFilter):
         self.knots.append(Knot(self.consumed + self._share, before or after, Phi, after, use))
         self._Phi = transition.identity()
         self._since_s = 0.0
+
+    def _pass(self, row: Array, end: float) -> None:
+        """Count the share of a sample that is behind."""
+        self._share = end
+        if end == 1.0:
+            self._consume(row[None])
 
     def _consume(self, rows: Array) -> None:
         self.blocks.append(rows.copy())

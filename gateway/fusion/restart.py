@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gateway.fusion.state import ATT, BA, BG, POS, VEL
 from gateway.messages import SavedState
 from gateway.nav import strapdown as sd
+from gateway.nav import transition
 from gateway.nav.earth import C_en, ecef_to_lla
 
 Array = NDArray[np.float64]
@@ -64,6 +65,14 @@ def forget(x: Array, P: Array, away_s: float) -> None:
     _turn(x, P, away_s)
 
 
+def unseen_transition(away_s: float) -> Array:
+    """Transition of the additive error, see `gateway.nav.transition.identity`.  # (M.135)"""
+    Phi = transition.identity()
+    Phi[VEL, VEL] *= math.exp(-away_s / WANDER_S)
+    Phi[POS, VEL] = WANDER_S * -math.expm1(-away_s / WANDER_S) * np.eye(3)
+    return Phi
+
+
 def _wander(x: Array, P: Array, away_s: float) -> None:
     """Carry position and velocity as a Gauss-Markov velocity does.  # (M.135), (M.136)"""
     v, T = x[sd.V_EB_E], WANDER_S
@@ -72,9 +81,7 @@ def _wander(x: Array, P: Array, away_s: float) -> None:
     way = T * -math.expm1(-away_s / T)
     x[sd.R_E] += way * v
     x[sd.V_EB_E] *= left
-    Phi = np.eye(len(P))
-    Phi[VEL, VEL] *= left
-    Phi[POS, VEL] = way * np.eye(3)
+    Phi = transition.whole(unseen_transition(away_s), len(P))
     P[:] = Phi @ P @ Phi.T
     k = np.arange(3)
     P[VEL, VEL][k, k] += variance * (1.0 - left**2)

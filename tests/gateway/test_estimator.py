@@ -218,39 +218,3 @@ def test_constants_are_told_in_their_units():
         assert 0.0 < c.sigma <= 0.0201
     scale = last["range_scale"]
     assert abs(scale.value - trip.constants[11]) < 4.0 * scale.sigma
-
-
-def with_a_gap(gap_s, seed):
-    """A voyage whose samples are lost from 40 s on; the next one stands in for them."""
-    data = demo_data() | {"duration_s": 120.0 + gap_s, "seed": seed}
-    data["devices"]["imu0"]["rate_hz"] = 50.0
-    data["devices"]["usbl0"]["outliers"] = {}
-    trip = Voyage(make(data))
-    lost = (trip.t_imu > 40.0 + 1e-6) & (trip.t_imu < 40.0 + gap_s - 1e-6)
-    stands_in, n = int(np.flatnonzero(lost)[-1]) + 1, int(lost.sum())
-    trip.rows[stands_in, :7] *= n + 1
-    trip.rows[stands_in, 7] = n / trip.rate_hz
-    return trip, ~lost
-
-
-@pytest.mark.parametrize(("gap_s", "soon_m"), [(1.0, 1.5), (3.0, 3.0), (10.0, 10.0), (30.0, 60.0)])
-def test_a_gap_in_the_samples_is_lived_through(gap_s, soon_m):
-    """In a seaway, on a circle: the claim grows with the gap, the error stays within it."""
-    trip, kept = with_a_gap(gap_s, seed=3)
-    estimator, navs, fixes = Estimator(configuration(trip.scenario), 1.0), [], list(trip.fixes)
-    t_ns, rows = trip.t_ns[kept], trip.rows[kept]
-    for k in range(0, len(t_ns), 25):
-        navs += of(NavSolution, fed(estimator, [block(t_ns[k : k + 25], rows[k : k + 25])]))
-        while fixes and fixes[0].t_ns < t_ns[k : k + 25][-1]:
-            fed(estimator, [fixes.pop(0)])
-    after = [n for n in navs if (n.t_ns - T0_NS) * 1e-9 > 40.0 + gap_s + 10.0]
-    assert len(after) > 60
-    for nav in after:
-        g = trip.truth.geodetic(np.array([(nav.t_ns - T0_NS) * 1e-9]))
-        R_M, R_N = earth.radii(g.lat[0])
-        north = float((nav.lat - g.lat[0]) * R_M)
-        east = float((nav.lon - g.lon[0]) * R_N * np.cos(g.lat[0]))
-        assert np.hypot(north, east) < soon_m
-        assert np.hypot(north, east) < 4.0 * np.hypot(*nav.sd_position[:2])
-    assert after[-1].mode is Mode.AIDED
-    assert estimator.counts().resets == 0

@@ -324,9 +324,9 @@ def test_too_far_ahead_is_refused_and_so_is_what_waits_with_too_many():
     engine, timeline = ledger(ahead_s=5.0)
     timeline.extend(*samples(0, 100))
     assert timeline.insert("far", at(601.0), "far") is Refusal.TOO_EARLY
-    waiting = [600.0 - 0.25 * k for k in range(MAX_WAITING)]
+    waiting = [600.0 - 0.04 * k for k in range(MAX_WAITING)]
     assert all(timeline.insert(t, at(t), str(t)) == [] for t in waiting)
-    assert timeline.insert("one more", at(500.1), "one more") is Refusal.TOO_EARLY
+    assert timeline.insert("one more", at(150.0), "one more") is Refusal.TOO_EARLY
     assert timeline.insert("late", at(50.0), "late") == ["late"], "does not wait"
     assert timeline.counts.too_early == 2
     timeline.extend(*samples(100, 501))
