@@ -28,6 +28,7 @@ CODECS: dict[str, str] = {
     "gaps": "drivers.usbl.gaps:GAPS",
     "psonlld": "drivers.usbl.sonardyne:PSONLLD",
     "pazm3": "drivers.usbl.zima:PAZM3",
+    "usrth": "drivers.usbl.cerulean:USRTH",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

@@ -43,6 +43,13 @@ USBL: dict[str, list[bytes]] = {
         b"$PAZM3,2,5,0,0,,,,,,,,,,,,*32\r\n",
         b"$PAZM3,1,2,0,38,21.0,0.333333,500.0,433.0,250.0,90.0,30.0,1147.22,4.5,,2.6,-2.9*0C\r\n",
     ],
+    "usrth": [
+        b"$USRTH,358.5,1.5,2.8,142.8,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16*49\r\n",
+        b"$USRTH,120.5,239.5,-30.5,70.5,210.5,239.5,-30.5,0.0,0.0,0.0,0.0,0*64\r\n",
+        b"$USRTH,358.5,1.5,2.8,142.8,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16,T,T,1,3313,B,-2,-2*14"
+        b"\r\n",
+        b"$USRTH,358.5,1.5,2.8,,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16*68\r\n",
+    ],
 }
-USBL_STRONG = frozenset({"psimssb", "gaps", "psonlld"})
+USBL_STRONG = frozenset({"psimssb", "gaps", "psonlld", "usrth"})
 """Of these, the codecs whose check finds every single flipped bit."""
