@@ -8,6 +8,15 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
 
 
+def _arc_entry(byte: int) -> int:
+    for _ in range(8):
+        byte = byte >> 1 ^ (0xA001 if byte & 1 else 0)
+    return byte
+
+
+_ARC = tuple(map(_arc_entry, range(256)))
+
+
 def crc32_mpeg2(data: bytes) -> bytes:
     """Give the CRC-32/MPEG-2 of `data` as the four big-endian bytes that follow it on the wire.
 
@@ -38,6 +47,14 @@ def crc16_kermit(data: bytes) -> int:
     """CRC-16/KERMIT: polynomial 1021 reflected, initial value 0: XMODEM of mirrored bytes."""
     mirrored = crc_hqx(data.translate(_REVERSED), 0)
     return int.from_bytes(mirrored.to_bytes(2, "big").translate(_REVERSED), "little")
+
+
+def crc16_arc(data: bytes) -> int:
+    """CRC-16/ARC: polynomial 8005 reflected, initial value 0."""
+    crc = 0
+    for byte in data:
+        crc = crc >> 8 ^ _ARC[(crc ^ byte) & 0xFF]
+    return crc
 
 
 def fletcher8(data: bytes) -> bytes:

@@ -29,6 +29,7 @@ CODECS: dict[str, str] = {
     "psonlld": "drivers.usbl.sonardyne:PSONLLD",
     "pazm3": "drivers.usbl.zima:PAZM3",
     "usrth": "drivers.usbl.cerulean:USRTH",
+    "seatrac": "drivers.usbl.seatrac:SEATRAC",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

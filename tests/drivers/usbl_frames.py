@@ -1,5 +1,22 @@
 """Frames of acoustic positioning systems, from their makers' documents, logs and drivers."""
 
+from drivers import registry
+from drivers.records import UsblRecord
+
+
+def _seatrac() -> list[bytes]:
+    """None of a real beacon was found."""
+    made = registry.lookup("seatrac")
+    records = (
+        UsblRecord(
+            t_rx_ns=0, beacon="2", bearing_deg=53.1, elevation_deg=-45.5, slant_range_m=70.7
+        ),
+        UsblRecord(t_rx_ns=0, beacon="3", slant_range_m=70.8),
+        UsblRecord(t_rx_ns=0, beacon="4", valid=False, error_code="no_reply"),
+    )
+    return [made.encode(record, made.options()) for record in records]
+
+
 USBL: dict[str, list[bytes]] = {
     "evologics": [
         b"+++AT:118:USBLLONG,455.600823,455.346033,1,1.2601,0.9197,-0.3958,1.2601,0.9197,-0.3958,"
@@ -50,6 +67,7 @@ USBL: dict[str, list[bytes]] = {
         b"\r\n",
         b"$USRTH,358.5,1.5,2.8,,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16*68\r\n",
     ],
+    "seatrac": _seatrac(),
 }
 USBL_STRONG = frozenset({"psimssb", "gaps", "psonlld", "usrth"})
 """Of these, the codecs whose check finds every single flipped bit."""
