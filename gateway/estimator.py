@@ -20,6 +20,7 @@ from gateway.fusion.restart import LONG_ABSENCE_S, inflate
 from gateway.fusion.saved import memory_of, saved
 from gateway.fusion.start import Start
 from gateway.fusion.state import State
+from gateway.handover import Note
 from gateway.messages import (
     Checkpoint,
     FilterCounts,
@@ -33,7 +34,7 @@ from gateway.messages import (
 )
 from gateway.modes import Mode
 from gateway.order import OrderCounts, Refusal
-from gateway.timeline import MAX_WAITING, Note, Timeline, start_ns
+from gateway.timeline import MAX_WAITING, Timeline, start_ns
 
 CALIBRATION_PERIOD_NS = 1_000_000_000
 

@@ -14,15 +14,16 @@ The timeline knows order and time only; what a measurement means is the engine's
 
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from gateway.engine import Engine
+from gateway.handover import Note
 from gateway.history import N_TRACK, Array, History, Past, Times
 from gateway.order import Entry, Order, OrderCounts, Refusal
 
-Verdict = TypeVar("Verdict", covariant=True)
 V = TypeVar("V")
 
 SNAPSHOT_S = 0.25
@@ -41,81 +42,12 @@ MAX_WAITING = 10_000
 """Measurements that may wait for the samples to reach them."""
 
 
-class Track(Protocol):
-    """What the engine may ask about the past."""
-
-    def at(self, t_ns: int) -> Array:
-        """Interpolated (12,) track at a time in the past."""
-        ...
-
-
-class Engine(Protocol[Verdict]):
-    """What the timeline drives: the filter, or a test's own arithmetic."""
-
-    def advance(self, rows: Array, track: Array) -> None:
-        """Carry the state over whole samples (k, 8), writing the (k, 12) track after each."""
-        ...
-
-    def advance_part(self, row: Array, begin: float, end: float) -> None:
-        """Carry the state over a share of one sample."""
-        ...
-
-    def mark(self, track: Array) -> None:
-        """Write the (12,) track of the present state."""
-        ...
-
-    def apply(self, measurement: Any, track: Track) -> Verdict:
-        """Use a measurement at its own time."""
-        ...
-
-    def save(self) -> Any:
-        """Copy the state."""
-        ...
-
-    def restore(self, saved: Any) -> None:
-        """Take a copied state as the present one."""
-        ...
-
-
 @dataclass
 class _Rerun:
     """History being run again: how far it is, and the engine's state there."""
 
     count: int
     state: Any
-
-
-@dataclass
-class Note:
-    """A moment at which another timeline can take over, given all that came after it.
-
-    Attributes
-    ----------
-    count, t_ns
-        Samples consumed, and the time of the last.
-    began_ns
-        Moment before the first sample of all.
-    known
-        Measurements that had come by then and may still come again or wait: time, key, itself.
-    order
-        The counts of then.
-    told
-        Verdicts given since on measurements that lie before it: their effect is in `state`, so
-        that the other timeline takes them in silence.
-    state
-        The engine's, once nothing can change it; None before.
-    past
-        Track before ``t_ns`` as far as measurements after it asked for it.
-    """
-
-    count: int
-    t_ns: int
-    began_ns: int
-    known: tuple[tuple[int, str, Any], ...]
-    order: OrderCounts
-    told: int = 0
-    state: Any = None
-    past: dict[int, Array] = field(default_factory=dict)
 
 
 class Timeline(Generic[V]):

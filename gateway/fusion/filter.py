@@ -7,6 +7,7 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
+from gateway.engine import Track
 from gateway.fusion import robust
 from gateway.fusion.kalman import (
     Linearised,
@@ -20,7 +21,6 @@ from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.messages import Component, Fix, Innovation, UsblFix
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
-from gateway.timeline import Track
 
 Array = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.engine import Track
 from gateway.fusion import (
     bottom_velocity,
     depth,
@@ -38,7 +39,6 @@ from gateway.messages import (
     VelocityFix,
 )
 from gateway.nav.earth import C_en, lla_to_ecef
-from gateway.timeline import Track
 
 Array = NDArray[np.float64]
 

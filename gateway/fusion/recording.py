@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.engine import Track
 from gateway.fusion.filter import Filter
 from gateway.fusion.restart import unseen_transition
 from gateway.fusion.state import State
 from gateway.messages import Fix, Innovation
 from gateway.nav import transition
-from gateway.timeline import Track
 
 Array = NDArray[np.float64]
 

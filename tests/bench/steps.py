@@ -9,6 +9,7 @@ from statistics import median
 from drivers.capture.reader import read_packets
 from drivers.capture.streams import read_streams
 from gateway.config import Config, load, wire_format
+from gateway.engine import Track
 from gateway.estimator import Estimator
 from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.observation import Model
@@ -17,7 +18,6 @@ from gateway.ingest import intakes
 from gateway.messages import Fix, ImuBlock, Innovation, Measurement, NavSolution
 from gateway.outputs import nmea
 from gateway.outputs.schema import nav_report
-from gateway.timeline import Track
 from tests.bench.replayed import Row, Source
 
 RUNS = 7
