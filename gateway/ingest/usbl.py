@@ -59,8 +59,9 @@ def _fault(record: UsblRecord) -> str | None:
     """Why a record is of no use; None if it holds a sighting from the array or a rate alone."""
     if not record.valid:
         return record.error_code or "invalid"
-    carries = _sights(record) or record.range_rate_m_s is not None
-    return None if record.axes == "array" and carries else "not_array_axes"
+    if not (_sights(record) or record.range_rate_m_s is not None):
+        return "no_sighting"
+    return None if record.axes == "array" else "not_array_axes"
 
 
 def _sights(record: UsblRecord) -> bool:

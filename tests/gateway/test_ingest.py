@@ -353,7 +353,7 @@ def test_what_a_sentence_does_not_carry_stays_missing():
         ({"valid": False, "error_code": "32"}, "32"),
         ({"valid": False}, "invalid"),
         ({"axes": "north"}, "not_array_axes"),
-        ({"bearing_deg": None, "slant_range_m": None}, "not_array_axes"),
+        ({"bearing_deg": None, "slant_range_m": None}, "no_sighting"),
     ],
 )
 def test_a_record_that_is_no_fix_says_why(changes, reason):
