@@ -8,6 +8,8 @@ from gateway import cli
 
 BACKGROUND = "usblnav-background"
 """As in `gateway.outputs.background`, which is imported only where it is needed."""
+CALLBACKS = "pyo3-closure"
+"""In the names of threads in which Zenoh calls back; one may still be ending after the session."""
 
 
 def main() -> int:
@@ -21,7 +23,9 @@ def leave(code: int) -> int:
     A call that is still inside Zenoh (a router that does not answer) would be cancelled by the
     interpreter's end, and that aborts the process.
     """
-    if any(thread.name == BACKGROUND for thread in threading.enumerate()):
+    if any(
+        thread.name == BACKGROUND or CALLBACKS in thread.name for thread in threading.enumerate()
+    ):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -113,7 +113,7 @@ async def test_a_killed_daemon_goes_on_from_its_state_file(tmp_path: Path) -> No
             print(f"solutions again {time.monotonic() - killed:.2f} s after the kill")
             (said,) = rig.said("state file")
             assert f"state file {folder / 'state'}: going on from a state" in said
-            assert rig.said("navigation: aligning (was invalid)")  # no claim before the next fix
+            await rig.until("no claim before a fix", lambda: rig.said("aligning (was invalid)"))
             assert used - 6 <= first.fixes_used  # a state is at most 3 s old
             error_m = await rig.until("the truth", lambda: rig.error_m(first))
             assert error_m < 3.0 * math.hypot(first.sd_n_m, first.sd_e_m)
