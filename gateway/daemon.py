@@ -12,6 +12,7 @@ from drivers.settings import StdioLink
 from gateway import bootclock, realtime, statefile, systemd
 from gateway.config import Config, NmeaOutput, Output
 from gateway.filter_process.host import FilterHost
+from gateway.filter_process.launcher import Begun
 from gateway.health import Health, Line
 from gateway.ingest import intakes
 from gateway.journal import open_journal
@@ -36,7 +37,9 @@ HEALTH_PERIOD_S = 1.0
 _log = logging.getLogger(__name__)
 
 
-def run(config: Config, *, nmea_stdout: bool = False, cold: bool = False) -> None:
+def run(
+    config: Config, *, nmea_stdout: bool = False, cold: bool = False, begun: Begun | None = None
+) -> None:
     """Run until SIGTERM or SIGINT, or until the reader of standard output is gone.
 
     Parameters
@@ -47,18 +50,22 @@ def run(config: Config, *, nmea_stdout: bool = False, cold: bool = False) -> Non
         Add an output of NMEA 0183 on standard output.
     cold
         Do not go on from the state file.
+    begun
+        The filter's template, started earlier to save time.
     """
     open_journal()
     outputs = list(config.outputs)
     if nmea_stdout:
         outputs.append(NmeaOutput(link=StdioLink()))
-    asyncio.run(_Daemon(config, outputs, cold).run())
+    asyncio.run(_Daemon(config, outputs, cold, begun).run())
 
 
 class _Daemon:
     """The object graph of one run."""
 
-    def __init__(self, config: Config, outputs: list[Output], cold: bool) -> None:
+    def __init__(
+        self, config: Config, outputs: list[Output], cold: bool, begun: Begun | None
+    ) -> None:
         self._config = config
         self._outputs = outputs
         self._stop = asyncio.Event()
@@ -73,7 +80,7 @@ class _Daemon:
         path = statefile.place(config.state)
         resume = None if cold or path is None else statefile.resume(path, config, bootclock.now())
         self._keeper = None if path is None else statefile.Keeper(path, config)
-        self._host = FilterHost(config, rate_hz, self._on_output, resume)
+        self._host = FilterHost(config, rate_hz, self._on_output, resume, begun)
         self._utc = UtcHistory()
         self._recorder: Recorder | None = None
         if config.recording is not None:

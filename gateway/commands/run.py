@@ -5,6 +5,7 @@ from argparse import Namespace
 from drivers.settings import StdioLink
 from gateway.config import Config, NmeaOutput, load
 from gateway.errors import ConfigError
+from gateway.filter_process.launcher import begin
 
 
 def run(arguments: Namespace) -> int:
@@ -13,9 +14,10 @@ def run(arguments: Namespace) -> int:
     on_stdout = arguments.nmea == "-"
     if on_stdout and _writes_stdout(config):
         raise ConfigError("--nmea -: standard output is already used by an output of the file")
-    from gateway import daemon  # after the check: it takes a second to import
+    begun = begin()
+    from gateway import daemon  # meanwhile: both take a second to import what they need
 
-    daemon.run(config, nmea_stdout=on_stdout, cold=arguments.cold)
+    daemon.run(config, nmea_stdout=on_stdout, cold=arguments.cold, begun=begun)
     return 0
 
 

@@ -19,7 +19,7 @@ from gateway.filter_process.channel import (
     read_of_worker,
     receive,
 )
-from gateway.filter_process.launcher import Launcher, Worker, ending
+from gateway.filter_process.launcher import Begun, Launcher, Worker, ending
 from gateway.filter_process.succession import Succession
 from gateway.messages import FilterOutput, Measurement, SavedState
 from gateway.timeline import LOOK_BACK_S
@@ -64,6 +64,8 @@ class FilterHost:
         Called on the event loop with everything the worker says but checkpoints.
     resume
         Where an earlier gateway left off.
+    begun
+        A first template, started earlier to save time.
     """
 
     def __init__(
@@ -72,8 +74,9 @@ class FilterHost:
         rate_hz: float,
         on_output: Callable[[FilterOutput], None],
         resume: SavedState | None = None,
+        begun: Begun | None = None,
     ) -> None:
-        self._launcher = Launcher(Prepare(config, rate_hz))
+        self._launcher = Launcher(Prepare(config, rate_hz), begun)
         self._on_output = on_output
         self._succession = Succession(most_kept(config), resume)
         self._backlog = self._succession.backlog

@@ -5,9 +5,11 @@ import logging
 import os
 import signal
 import socket
+import subprocess
 import sys
 from collections import deque
 from contextlib import suppress
+from typing import NamedTuple
 
 from gateway import realtime
 from gateway.filter_process.channel import (
@@ -33,6 +35,28 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """The matrices are small; and only a process of a single thread may be forked safely."""
 
 _log = logging.getLogger(__name__)
+
+
+class Begun(NamedTuple):
+    """A template that waits for its orders."""
+
+    process: "subprocess.Popen[bytes]"
+    control: socket.socket
+
+
+def begin() -> Begun:
+    """Start a template: it imports what it needs, then waits. It ends with this process."""
+    ours, theirs = pair()
+    with theirs, realtime.ordinary():  # a worker takes its priority when it begins
+        process = subprocess.Popen(
+            [sys.executable, "-m", "gateway.filter_process.template", str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env=os.environ | ONE_THREAD,
+            pass_fds=(theirs.fileno(),),
+            process_group=0,  # the terminal's Ctrl-C is for the daemon
+        )
+    return Begun(process, ours)
 
 
 class Worker:
@@ -88,6 +112,13 @@ class Worker:
 class Launcher:
     """Keeps a template ready and has workers forked of it.
 
+    Parameters
+    ----------
+    orders
+        What the workers will run.
+    begun
+        A first template, started earlier.
+
     Attributes
     ----------
     pid
@@ -96,10 +127,11 @@ class Launcher:
         Whether a worker would start at once.
     """
 
-    def __init__(self, orders: Prepare) -> None:
+    def __init__(self, orders: Prepare, begun: Begun | None = None) -> None:
         self.pid: int | None = None
         self.ready = asyncio.Event()
         self._orders = orders
+        self._begun = begun
         self._control: socket.socket | None = None
         self._unborn: deque[Worker] = deque()
         self._alive: dict[int, Worker] = {}
@@ -139,35 +171,30 @@ class Launcher:
 
     async def _run_once(self) -> tuple[str, bool]:
         """Run one template to its end; say how it ended and whether it had been ready."""
-        ours, theirs = pair()
-        # Before the template is there: one that dies at once, or whose host does, finds its orders.
-        ours.send(encode(self._orders))
-        with realtime.ordinary():  # a worker takes its priority when it begins
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "gateway.filter_process.template", str(theirs.fileno())),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.DEVNULL,
-                env=os.environ | ONE_THREAD,
-                pass_fds=(theirs.fileno(),),
-            )
-        theirs.close()
-        loop = asyncio.get_running_loop()
-        self.pid, self._control = process.pid, ours
-        loop.add_reader(ours, self._read, ours)
+        process, control = self._begun or begin()
+        self._begun = None
+        with suppress(BrokenPipeError):  # it is dead already
+            control.send(encode(self._orders))
+        loop, pidfd = asyncio.get_running_loop(), os.pidfd_open(process.pid)
+        self.pid, self._control = process.pid, control
+        loop.add_reader(control, self._read, control)
         try:
-            code = await process.wait()
-            self._read(ours)
-            return ending(code), self.ready.is_set()
+            await _readable(pidfd)
+            self._read(control)
+            return ending(process.wait()), self.ready.is_set()
         finally:
-            loop.remove_reader(ours)
-            ours.close()
+            loop.remove_reader(control)
+            control.close()
             self.ready.clear()
             self.pid = self._control = None
             for worker in (*self._unborn, *self._alive.values()):
                 worker.ended(None)
             self._unborn.clear()
             self._alive.clear()
-            await _end(process)
+            if not await _readable(pidfd, END_S):
+                process.kill()
+            process.wait()
+            os.close(pidfd)
 
     def _read(self, control: socket.socket) -> None:
         """Take what the template says."""
@@ -206,8 +233,8 @@ def ending(code: int | None) -> str:
     return f"ended with exit code {code}"
 
 
-async def _readable(fd: int, within_s: float) -> bool:
-    """Whether a file descriptor becomes readable in time."""
+async def _readable(fd: int, within_s: float | None = None) -> bool:
+    """Whether a file descriptor becomes readable in time; that of a process, when it ends."""
     loop, event = asyncio.get_running_loop(), asyncio.Event()
     loop.add_reader(fd, event.set)
     try:
@@ -217,14 +244,3 @@ async def _readable(fd: int, within_s: float) -> bool:
     finally:
         loop.remove_reader(fd)
     return True
-
-
-async def _end(process: asyncio.subprocess.Process) -> None:
-    """See a process to its end; its channel is closed, which tells it."""
-    if process.returncode is not None:
-        return
-    try:
-        await asyncio.wait_for(process.wait(), END_S)
-    except TimeoutError:
-        process.kill()
-        await process.wait()

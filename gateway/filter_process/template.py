@@ -38,17 +38,19 @@ def main(fd: int) -> None:
     with suppress(BrokenPipeError, ConnectionResetError):  # the host is gone
         with socket.socket(fileno=fd) as control:
             orders = _prepare(control)
-            given = _fork_on_demand(control)
-        if given is not None:
+            given = None if orders is None else _fork_on_demand(control)
+        if orders is not None and given is not None:
             _call_it("usblnav-filter")
             channel, progress = given
             with channel:
                 worker.serve(channel, progress, orders)
 
 
-def _prepare(control: socket.socket) -> Prepare:
-    """Compile all that a worker will need."""
-    orders = read_in_template(control.recv(MAX_MESSAGE))
+def _prepare(control: socket.socket) -> Prepare | None:
+    """Compile all that a worker will need; None if the host is gone already."""
+    if not (data := control.recv(MAX_MESSAGE)):
+        return None
+    orders = read_in_template(data)
     assert isinstance(orders, Prepare)
     with told_of_compiling(lambda: control.send(encode(Compiling()))):
         Estimator(orders.config, orders.rate_hz)
