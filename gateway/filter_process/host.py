@@ -119,8 +119,7 @@ class FilterHost:
             group.create_task(self._launcher.run())
             while True:
                 worker = await self._launcher.launch(self._succession.orders())
-                await self._serve(worker)
-                code = await worker.end()
+                code = await self._serve(worker)
                 if self._ends:
                     return
                 self._restarts += 1
@@ -141,8 +140,8 @@ class FilterHost:
                 worker.channel.shutdown(socket.SHUT_WR)
                 await self._gone.wait()
 
-    async def _serve(self, worker: Worker) -> None:
-        """Feed a worker and hear it until it is gone."""
+    async def _serve(self, worker: Worker) -> int | None:
+        """Feed a worker and hear it until it is gone; give its code."""
         loop = asyncio.get_running_loop()
         self._worker = worker
         self._gone.clear()
@@ -154,8 +153,8 @@ class FilterHost:
             loop.remove_reader(worker.channel)
             loop.remove_writer(worker.channel)
             self._worker, self._blocked = None, False
-            if not self._gone.is_set():  # it is we who end
-                await worker.end()
+            code = await _to_its_end(worker)
+        return code
 
     def _pump(self) -> None:
         """Send what waits as far as the channel takes it."""
@@ -200,3 +199,12 @@ def most_kept(config: Config) -> int:
     """How many inputs may wait for a next worker: those since the oldest moment of a checkpoint."""
     past_s = config.filter.history_s + LOOK_BACK_S + MARGIN_S
     return math.ceil(past_s * (config.imu[1].rate_hz + OTHERS_HZ))
+
+
+async def _to_its_end(worker: Worker) -> int | None:
+    """See a worker to its end, also where this is cancelled meanwhile."""
+    try:
+        return await worker.end()
+    except asyncio.CancelledError:
+        await worker.end()
+        raise

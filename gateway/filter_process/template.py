@@ -11,7 +11,7 @@ import socket
 import sys
 from contextlib import suppress
 from pathlib import Path
-from select import POLLIN, poll
+from select import POLLIN, poll, select
 
 from gateway.estimator import Estimator
 from gateway.filter_process import worker
@@ -28,6 +28,9 @@ from gateway.filter_process.channel import (
 from gateway.filter_process.progress import Progress
 from gateway.fusion.warmup import warm_up
 from gateway.nav.compiled import told_of_compiling
+
+END_S = 0.5
+"""How long a worker may take to end after its host has."""
 
 
 def main(fd: int) -> None:
@@ -74,6 +77,7 @@ def _fork_on_demand(control: socket.socket) -> tuple[socket.socket, Progress] | 
                 continue
             data, fds, _, _ = socket.recv_fds(control, MAX_MESSAGE, 2)
             if not data:
+                _see_off(children)
                 return None
             pid = os.fork()
             if pid == 0:
@@ -93,6 +97,13 @@ def _bury(control: socket.socket, fd: int, pid: int) -> None:
     os.close(fd)
     _, status = os.waitpid(pid, 0)
     control.send(encode(Ended(pid, os.waitstatus_to_exitcode(status))))
+
+
+def _see_off(children: dict[int, int]) -> None:
+    """Bury the workers, which end with the host as this process does."""
+    for fd, pid in children.items():
+        if select([fd], [], [], END_S)[0]:
+            os.waitpid(pid, 0)
 
 
 def _call_it(name: str) -> None:
