@@ -60,7 +60,7 @@ def test_without_a_manager_nothing_happens(tmp_path: Path, monkeypatch: pytest.M
     ("usec", "pid", "expected"),
     [
         ("20000000", "", 10.0),
-        ("20000000", str(os.getpid()), 10.0),
+        pytest.param("20000000", str(os.getpid()), 10.0, id="own-pid"),
         ("20000000", "1", None),
         ("0", "", None),
         ("soon", "", None),
