@@ -127,7 +127,8 @@ class Live:
         sender = stack.enter_context(
             _end(self._folder, "send", self._fifo, str(self._config), capture)
         )
-        worker = _ask(self._config)["filter"]["pid"]
+        while (worker := _ask(self._config)["filter"]["pid"]) is None:  # a status of before
+            time.sleep(0.1)
         self.usage = [Usage("daemon", gateway.pid), Usage("filter process", worker)]
         while sender.process.poll() is None:
             time.sleep(1.0)
