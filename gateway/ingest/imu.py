@@ -60,9 +60,9 @@ class ImuIngest(DeviceIngest):
             self._clock = self._make_clock()
         arrived = [self._left_instrument_ns(record) for record in records]
         values = self._values(records, arrived[-1])
-        ticks = self._clock.take([(values[k], arrived[k]) for k in range(len(values))])
-        for k, tick in enumerate(ticks):
-            self._add_sample(records[k], tick)
+        ticks = self._clock.take(list(zip(values, arrived, strict=True)))
+        for record, tick in zip(records, ticks, strict=True):
+            self._add_sample(record, tick)
 
     def flush(self) -> list[Measurement]:
         """One block of the samples since the last call."""

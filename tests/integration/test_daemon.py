@@ -24,6 +24,8 @@ from tests.integration.cables import Cable, PtyEnd, TcpEnd, UdpEnd, free_port
 from tests.integration.rig import USBLNAV, Rig, session
 from tests.shared_data import ROOT
 
+pytestmark = pytest.mark.live
+
 
 async def test_a_killed_filter_takes_up_where_it_was(tmp_path: Path) -> None:
     rig = Rig(tmp_path)

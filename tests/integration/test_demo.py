@@ -15,6 +15,8 @@ import pytest
 from tests.integration.rig import USBLNAV
 from tests.shared_data import ROOT
 
+pytestmark = pytest.mark.live
+
 SUMMARY = re.compile(
     r"demo: 12 s, horizontal RMS error (?P<error>[\d.]+) m and heading (?P<heading>[\d.]+) deg "
     r"over the last 12 s; (?P<used>\d+) fixes used, \d+ refused; "

@@ -22,6 +22,8 @@ from gateway.messages import (
 from tests.integration.hosted import RATE_HZ, Input, answers, encoded, hosted, last_nav, recorded
 from tests.shared_data import ROOT
 
+pytestmark = pytest.mark.live
+
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Input:

@@ -17,6 +17,8 @@ from gateway.messages import FilterCounts
 from tests.integration.hosted import Hosted, Input, answers, encoded, hosted, recorded
 from tests.integration.rig import Rig
 
+pytestmark = pytest.mark.live
+
 
 class Death(NamedTuple):
     """A worker killed: after how many inputs, how many were kept for the next, when."""

@@ -12,6 +12,8 @@ import pytest
 
 from tests.shared_data import ROOT
 
+pytestmark = pytest.mark.live
+
 BY_CI = {"scripts/demo", "scripts/test"}
 INSTALL = {
     "python3 -m venv venv",

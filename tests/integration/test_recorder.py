@@ -20,6 +20,8 @@ from gateway.recording.host import Recorder
 from gateway.recording.reader import RecordedRun
 from tests.gateway.recorded import config, files, raw, topics, utc
 
+pytestmark = pytest.mark.live
+
 PERIOD_S = 0.005
 
 

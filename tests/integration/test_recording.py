@@ -16,6 +16,8 @@ from tests.gateway.recorded import topics
 from tests.integration.rig import USBLNAV, Rig, brisk
 from tests.shared_data import ROOT
 
+pytestmark = pytest.mark.live
+
 TABLES = ["nav.csv", "innovations.csv", "calibration.csv"]
 
 

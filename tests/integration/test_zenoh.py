@@ -22,6 +22,8 @@ from gateway.outputs.schema import calibration_report, nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
 
+pytestmark = pytest.mark.live
+
 ROOT = Path(__file__).resolve().parents[2]
 
 OTHER = """
