@@ -146,6 +146,12 @@ class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     elements_m: tuple[Triple, ...] = ()
     """Places of the elements in array axes; radial rates refer to the array's origin without."""
+    direction: Literal["told", "differences"] = "told"
+    """Whether angles are taken as told, or made of the elements' time differences."""
+    looks: Literal["down", "up"] = "down"
+    """On which side of the elements' plane the beacons are."""
+    range_limits_m: tuple[NonNegative, Positive] | None = None
+    """Slant ranges outside are not valid."""
     radial_rate: Literal["mean", "elements"] = "mean"
     prior: UsblPrior = UsblPrior()
 

@@ -9,6 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 
+import numpy as np
+
 from drivers import registry
 from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import (
@@ -250,6 +252,23 @@ def _clock_sources(config: Config) -> Iterator[str]:
                     yield f"{path}: {device.codec} tells its time to {step_s:g} s only; use arrival"
 
 
+def _array(config: Config) -> Iterator[str]:
+    for name, device in _readable(config).items():
+        if not isinstance(device, UsblDevice):
+            continue
+        path, limits = f"devices.{name}", device.range_limits_m
+        if known(limits) and limits is not None and limits[0] >= limits[1]:
+            yield f"{path}.range_limits_m: the shortest range is not below the longest"
+        if not known(device.direction, device.elements_m) or device.direction == "told":
+            continue
+        at = np.array(device.elements_m, dtype=float).reshape(-1, 3)[:, :2]
+        if np.linalg.matrix_rank(at[1:] - at[:1]) < 2:
+            yield (
+                f"{path}.elements_m: direction by differences needs three elements or more that"
+                " are not on one line"
+            )
+
+
 def _recording(config: Config) -> Iterator[str]:
     block = config.recording
     if block is None or not known(block) or not known(block.max_file_mb, block.quota_mb):
@@ -288,5 +307,6 @@ _CHECKS = (
     _addresses,
     _zenoh,
     _pulses,
+    _array,
     _recording,
 )

@@ -99,7 +99,7 @@ def _ingest(name: str, device: Device, sea: Sea) -> Ingest:
         case ImuDevice():
             return ImuIngest(device)
         case UsblDevice():
-            return UsblIngest(name, device)
+            return UsblIngest(name, device, sea.sound_speed_m_s)
         case LblDevice():
             return LblIngest(name, device, sea)
         case GnssDevice():

@@ -2,10 +2,19 @@
 
 import math
 
-from drivers.records import Record, Rejected, UsblRecord
+import numpy as np
+from msgspec import UNSET
+from numpy.typing import NDArray
+
+from drivers.records import Record, Rejected, TimeDifference, UsblRecord
 from gateway.config import UsblDevice
+from gateway.fusion.direction_cosines import direction, in_range
 from gateway.ingest.device import DeviceIngest
 from gateway.messages import Measurement, RadialRate, UsblFix
+
+Array = NDArray[np.float64]
+Angles = tuple[float | None, float | None]
+"""Elevation and bearing (rad)."""
 
 
 class UsblIngest(DeviceIngest):
@@ -14,9 +23,14 @@ class UsblIngest(DeviceIngest):
     A radial rate is a measurement of its own: it stands where the fix beside it is not valid.
     """
 
-    def __init__(self, name: str, device: UsblDevice) -> None:
+    def __init__(self, name: str, device: UsblDevice, sound_speed_m_s: float) -> None:
         super().__init__(device)
         self._name = name
+        self._sound_speed = sound_speed_m_s
+        self._by_differences = device.direction == "differences"
+        self._below = device.looks == "down"
+        self._limits = device.range_limits_m or (0.0, math.inf)
+        self._elements = {str(k): np.array(at) for k, at in enumerate(device.elements_m, 1)}
         self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
@@ -27,11 +41,11 @@ class UsblIngest(DeviceIngest):
             self.counts.ignored["not_usbl"] += 1
             return
         t_ns = self._valid_at_ns(record, record.t_device_s)
-        fault = _fault(record)
-        if fault is not None:
-            self.counts.ignored[fault] += 1
-        elif _sights(record):
-            self._fixes.append(self._fix(record, t_ns))
+        fix = self._fix(record, t_ns)
+        if isinstance(fix, str):
+            self.counts.ignored[fix] += 1
+        elif fix is not None:
+            self._fixes.append(fix)
         if record.range_rate_m_s is not None:
             self._fixes.append(
                 RadialRate(t_ns, self._name, record.beacon, (record.range_rate_m_s,))
@@ -43,29 +57,40 @@ class UsblIngest(DeviceIngest):
         self.counts.measurements += len(fixes)
         return fixes
 
-    def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix:
-        """One fix in radians, stamped with its time of validity."""
-        return UsblFix(
-            t_ns=t_ns,
-            device=self._name,
-            beacon=record.beacon,
-            elevation=_radians(record.elevation_deg),
-            bearing=_radians(record.bearing_deg),
-            slant_range=record.slant_range_m,
-        )
+    def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix | str | None:
+        """One fix at its time of validity, or why there is none; None where a rate is all."""
+        if not record.valid:
+            return record.error_code or "invalid"
+        angles, slant_range = self._angles(record), record.slant_range_m
+        if isinstance(angles, str):
+            return angles
+        if angles[1] is None and slant_range is None:
+            return None if record.range_rate_m_s is not None else "no_sighting"
+        if slant_range is not None and not in_range(slant_range, *self._limits):
+            return "range"
+        return UsblFix(t_ns, self._name, record.beacon, *angles, slant_range)
 
+    def _angles(self, record: UsblRecord) -> Angles | str:
+        """Elevation and bearing in array axes, or why there are none."""
+        if not self._by_differences:
+            if record.axes != "array":
+                return "not_array_axes"
+            return _radians(record.elevation_deg), _radians(record.bearing_deg)
+        if record.differences is UNSET:
+            return None, None
+        pairs = [pair for pair in map(self._pair, record.differences) if pair is not None]
+        if not pairs:
+            return "no_direction"
+        baselines, delays = map(np.array, zip(*pairs, strict=True))
+        found = direction(baselines, delays, self._sound_speed, below=self._below)
+        return "no_direction" if found is None else found
 
-def _fault(record: UsblRecord) -> str | None:
-    """Why a record is of no use; None if it holds a sighting from the array or a rate alone."""
-    if not record.valid:
-        return record.error_code or "invalid"
-    if not (_sights(record) or record.range_rate_m_s is not None):
-        return "no_sighting"
-    return None if record.axes == "array" else "not_array_axes"
-
-
-def _sights(record: UsblRecord) -> bool:
-    return record.bearing_deg is not None or record.slant_range_m is not None
+    def _pair(self, heard: TimeDifference) -> tuple[Array, float] | None:
+        """Baseline (2,) of two elements and the delay between them; None for unknown ones."""
+        if heard.element not in self._elements or heard.than not in self._elements:
+            return None
+        baseline = self._elements[heard.element] - self._elements[heard.than]
+        return baseline[:2], heard.delay_s
 
 
 def _radians(degrees: float | None) -> float | None:

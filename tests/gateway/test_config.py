@@ -303,6 +303,20 @@ def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str
             {"type": "serial", "port": "/dev/ttyUSB1"},
             "devices.usbl0: serial port /dev/ttyUSB1 is already used by devices.imu0",
         ),
+        (
+            "devices.usbl0.range_limits_m",
+            [500.0, 1.0],
+            "devices.usbl0.range_limits_m: the shortest range is not below the longest",
+        ),
+        *(
+            (
+                "devices.usbl0",
+                GOOD["devices"]["usbl0"] | {"direction": "differences", "elements_m": elements},
+                "devices.usbl0.elements_m: direction by differences needs three elements or more"
+                " that are not on one line",
+            )
+            for elements in ([], [[0, 0, 0], [1, 0, 0], [2, 0, 0]])
+        ),
     ],
 )
 def test_fault_between_blocks(tmp_path: Path, path: str, value: Any, expected: str) -> None:

@@ -1,5 +1,6 @@
 """Records to measurements: axes, units, times of validity, gaps, and what is counted."""
 
+import math
 from itertools import groupby
 from operator import attrgetter
 
@@ -8,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers import registry
-from drivers.records import DeviceStatus, ImuRecord, Rejected, UsblRecord
+from drivers.records import DeviceStatus, ImuRecord, Rejected, TimeDifference, UsblRecord
 from gateway.config import Config, ImuDevice, UsblDevice
 from gateway.ingest import Intake, intakes
 from gateway.ingest.imu import ImuIngest
@@ -46,7 +47,7 @@ def imu(**changes):
 def usbl(**changes):
     noise = {"bearing_deg": 1.0, "elevation_deg": 1.0, "range_m": 0.2}
     data = {"kind": "usbl", "codec": "tracklink-lxt", "link": SERIAL, "noise": noise}
-    return UsblIngest("usbl0", made(UsblDevice, data | changes))
+    return UsblIngest("usbl0", made(UsblDevice, data | changes), 1500.0)
 
 
 def sample(k, t_rx_ns=None, **changes):
@@ -345,6 +346,46 @@ def test_what_a_sentence_does_not_carry_stays_missing():
         (True, False),
         (False, True),
     ]
+
+
+CROSS = [[0.1, 0, 0], [-0.1, 0, 0], [0, 0.1, 0], [0, -0.1, 0]]
+
+
+def plane_wave(forward, starboard):
+    """Time differences that a wave with these direction cosines makes, against the first element.
+
+    An element so far ahead towards the beacon hears so much earlier.
+    """
+    at = np.array(CROSS)[:, :2] - CROSS[0][:2]
+    later = -at @ [forward, starboard] / 1500.0
+    return tuple(TimeDifference(element=str(k + 1), than="1", delay_s=later[k]) for k in (1, 2, 3))
+
+
+def test_angles_by_time_differences_with_the_range_of_another_sentence():
+    ingest = usbl(direction="differences", elements_m=CROSS)
+    ingest.take(sighting())
+    nothing_told = {"bearing_deg": None, "elevation_deg": None, "slant_range_m": None}
+    ingest.take(sighting(**nothing_told, differences=plane_wave(0.3, -0.4)))
+    ranged, seen = ingest.flush()
+    assert (ranged.bearing, ranged.elevation, ranged.slant_range) == (None, None, 87.0)
+    assert seen.bearing == pytest.approx(math.atan2(-0.4, 0.3))
+    assert seen.elevation == pytest.approx(-math.acos(0.5))
+    assert seen.slant_range is None
+
+
+def test_differences_that_contradict_are_no_fix_but_their_rate_is_used():
+    ingest = usbl(direction="differences", elements_m=CROSS)
+    ingest.take(sighting(differences=plane_wave(0.8, 0.7), range_rate_m_s=1.5))
+    (rate,) = ingest.flush()
+    assert rate.rates == (1.5,)
+    assert dict(ingest.counts.ignored) == {"no_direction": 1}
+
+
+def test_a_range_out_of_its_limits_is_no_fix():
+    ingest = usbl(range_limits_m=[90.0, 500.0])
+    ingest.take(sighting())
+    assert ingest.flush() == []
+    assert dict(ingest.counts.ignored) == {"range": 1}
 
 
 @pytest.mark.parametrize(

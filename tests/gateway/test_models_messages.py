@@ -313,7 +313,7 @@ def test_every_message_crosses_to_the_worker(trip):
 @pytest.mark.parametrize("valid", [True, False])
 def test_a_rate_stands_where_the_fix_is_not_valid(trip, valid):
     config = configuration(trip.scenario)
-    ingest = UsblIngest("usbl0", config.usbl["usbl0"])
+    ingest = UsblIngest("usbl0", config.usbl["usbl0"], config.sound_speed_m_s)
     fields = {"bearing_deg": 10.0, "elevation_deg": -5.0, "slant_range_m": 80.0}
     ingest.take(UsblRecord(t_rx_ns=T_NS, beacon="1", valid=valid, range_rate_m_s=-0.5, **fields))
     *fixes, rate = ingest.flush()
