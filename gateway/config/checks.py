@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
-
-import numpy as np
+from itertools import combinations
+from math import isclose
 
 from drivers import registry
 from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
@@ -20,6 +20,7 @@ from gateway.config.blocks import (
     ImuDevice,
     ImuNoise,
     LblDevice,
+    Triple,
     UsblDevice,
     ZenohOutput,
 )
@@ -261,12 +262,17 @@ def _array(config: Config) -> Iterator[str]:
             yield f"{path}.range_limits_m: the shortest range is not below the longest"
         if not known(device.direction, device.elements_m) or device.direction == "told":
             continue
-        at = np.array(device.elements_m, dtype=float).reshape(-1, 3)[:, :2]
-        if np.linalg.matrix_rank(at[1:] - at[:1]) < 2:
+        if _on_one_line(device.elements_m):
             yield (
                 f"{path}.elements_m: direction by differences needs three elements or more that"
                 " are not on one line"
             )
+
+
+def _on_one_line(elements: tuple[Triple, ...]) -> bool:
+    """Whether the elements, seen from above, span no plane."""
+    ways = [(x - elements[0][0], y - elements[0][1]) for x, y, _ in elements[1:]]
+    return all(isclose(a * d, b * c) for (a, b), (c, d) in combinations(ways, 2))
 
 
 def _recording(config: Config) -> Iterator[str]:
