@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 from itertools import combinations
-from math import isclose
 
 from drivers import registry
 from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
@@ -272,7 +271,7 @@ def _array(config: Config) -> Iterator[str]:
 def _on_one_line(elements: tuple[Triple, ...]) -> bool:
     """Whether the elements, seen from above, span no plane."""
     ways = [(x - elements[0][0], y - elements[0][1]) for x, y, _ in elements[1:]]
-    return all(isclose(a * d, b * c) for (a, b), (c, d) in combinations(ways, 2))
+    return all(math.isclose(a * d, b * c) for (a, b), (c, d) in combinations(ways, 2))
 
 
 def _recording(config: Config) -> Iterator[str]:
