@@ -40,7 +40,7 @@ async def survive(given: Input, kills: set[int], duration_s: float) -> tuple[Hos
             if n % 16 == 0 or due > time.perf_counter():
                 await asyncio.sleep(max(0.0, due - time.perf_counter()))
             if n in kills:
-                await running.until(lambda: host.status.pid not in (None, killed))  # noqa: B023
+                await running.until(lambda old=killed: host.status.pid not in (None, old))
                 killed, kept = host.status.pid, host.status.kept
                 assert killed is not None
                 os.kill(killed, signal.SIGKILL)
