@@ -46,8 +46,9 @@ PAIRS = ("1-5", "2-5", "3-5", "4-5", "1-2", "4-1", "3-2", "3-4")
 VELOCITY = {b"RECV": 8, b"RECVIM": 8, b"RECVIMS": 8, b"RECVPBM": 7}
 """Which field behind the name is the velocity; the data follow it."""
 
-_HEAD = re.compile(rb"(?:\+\+\+AT(?:\*[!-9;-~]{1,32})?:(\d{1,4}):)?([A-Z]*)")
-_IS_MESSAGE = re.compile(rb"(?:\+\+\+AT:\d{1,4}:)?(RECV(?:IMS|IM|PBM)?),")
+_FRAME = rb"\+\+\+AT(?:\*[!-9;-~]{1,32})?:"
+_HEAD = re.compile(rb"(?:" + _FRAME + rb"(\d{1,4}):)?([A-Z]*)")
+_IS_MESSAGE = re.compile(rb"(?:" + _FRAME + rb"\d{1,4}:)?(RECV(?:IMS|IM|PBM)?),")
 _MESSAGE = {
     name: re.compile(_IS_MESSAGE.pattern + rb"(\d{1,4})" + rb",[^,\r\n]{0,24}" * (at - 1) + rb",")
     for name, at in VELOCITY.items()
@@ -137,7 +138,7 @@ def _read(
     name: bytes, body: bytes, framed: bool, options: EvologicsOptions, heard: Heard
 ) -> Record | None:
     """Give the record of a line; None for one of no use, `UnreadableError` for what is none."""
-    if name in VELOCITY:
+    if name in VELOCITY and body.startswith(name + b","):
         return _message(body.split(b",", VELOCITY[name] + 1), name, options, heard)
     text = body.decode("latin-1")
     if not (text.isascii() and text.isprintable()):
