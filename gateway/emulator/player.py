@@ -14,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.emulator.acoustics import usbl_stream
+from gateway.emulator.instruments import stream
 from gateway.emulator.pcap import PcapWriter
 from gateway.emulator.ports import OutPort, describe, open_port, paced
-from gateway.emulator.scenario import ImuModel, Scenario, UdpPort
-from gateway.emulator.sensors import imu_stream
+from gateway.emulator.scenario import Scenario, UdpPort
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 from gateway.emulator.truth import TruthWriter
@@ -167,11 +166,8 @@ class _Run:
         streams: list[Iterator[Emission]] = []
         for name, model in scenario.devices.items():
             self.sent[name] = Sent()
-            if isinstance(model, ImuModel):
-                stream = imu_stream(scenario, name, model, trajectory, block_s)
-            else:
-                stream = usbl_stream(scenario, name, model, trajectory, start_unix)
-            streams.append(paced(stream, model.port))
+            said = stream(scenario, name, model, trajectory, start_unix, block_s)
+            streams.append(paced(said, model.port))
         writer = None
         if self.truth is not None:
             file = stack.enter_context(self.truth.open("w", encoding="ascii"))

@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 
 from drivers.records import UsblRecord
-from gateway.config.blocks import Config
+from gateway.config.blocks import Config, Device, DeviceKind
 from gateway.config.checks import cross_faults
 from gateway.emulator.acoustics import sentence_writer
 from gateway.emulator.scenario import (
     AnyPort,
-    ImuModel,
+    DeviceModel,
     PtyPort,
     Scenario,
     SerialPort,
@@ -32,7 +32,7 @@ DEMO = Path(__file__).parent / "scenarios" / "demo.yaml"
 """The packaged scenario of the demo."""
 
 _FIRST_UDP_PORT = 7001
-_SHARED_KEYS = ("codec", "options", "clock", "mounting_deg", "noise")
+_BLOCKS: dict[DeviceKind, type[Device]] = {block.kind: block for block in get_args(Device)}
 
 
 def load(path: Path) -> Scenario:
@@ -113,14 +113,14 @@ def for_capture(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, devices=devices)
 
 
-def _device(model: ImuModel | UsblModel) -> dict[str, Any]:
+def _device(model: DeviceModel) -> dict[str, Any]:
+    """Every key of the configuration's block that the scenario's block has too."""
     whole = msgspec.to_builtins(model)
+    shared = [key for key in _BLOCKS[whole["kind"]].__struct_fields__ if key in whole]
     block = {"kind": whole["kind"], "link": _link(model.port)}
-    block |= {key: whole[key] for key in _SHARED_KEYS}
-    if isinstance(model, ImuModel):
-        block["noise"] = {k: v for k, v in block["noise"].items() if v is not None}
-        return block | {"rate_hz": model.rate_hz}
-    return block | {key: whole[key] for key in ("lever_arm_m", "prior")}
+    block |= {key: whole[key] for key in shared}
+    block["noise"] = {k: v for k, v in block["noise"].items() if v is not None}
+    return block
 
 
 def _link(port: AnyPort) -> dict[str, Any]:

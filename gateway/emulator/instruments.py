@@ -1,0 +1,25 @@
+"""What each kind of instrument of a scenario says, as one stream of bytes."""
+
+from collections.abc import Iterator
+
+from gateway.emulator.acoustics import usbl_stream
+from gateway.emulator.scenario import DeviceModel, ImuModel, Scenario, UsblModel
+from gateway.emulator.sensors import imu_stream
+from gateway.emulator.streams import Emission
+from gateway.emulator.trajectory import Trajectory
+
+
+def stream(
+    scenario: Scenario,
+    name: str,
+    model: DeviceModel,
+    trajectory: Trajectory,
+    start_unix_s: float,
+    block_s: float,
+) -> Iterator[Emission]:
+    """Frames of a device in the order they leave it, computed about ``block_s`` at a time."""
+    match model:
+        case ImuModel():
+            return imu_stream(scenario, name, model, trajectory, block_s)
+        case UsblModel():
+            return usbl_stream(scenario, name, model, trajectory, start_unix_s)

@@ -1,0 +1,38 @@
+"""The scenario file: one vehicle's true motion, instruments, their errors and the wires they use.
+
+Where a block says the same thing as in the gateway's configuration it is the very same block, so
+`gateway.emulator.twin` can give the configuration that matches a scenario.
+"""
+
+from gateway.emulator.scenario.acoustic import Outliers, UsblErrors, UsblModel
+from gateway.emulator.scenario.block import Probability, SoundSpeed
+from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec_options
+from gateway.emulator.scenario.imu import ImuErrors, ImuModel
+from gateway.emulator.scenario.ports import AnyPort, PtyPort, SerialPort, TcpServerPort, UdpPort
+from gateway.emulator.scenario.trajectory import Circle, Lawnmower, Legs, Line, Sway, Track, Wave
+
+__all__ = [
+    "AnyPort",
+    "Circle",
+    "DeviceModel",
+    "ImuErrors",
+    "ImuModel",
+    "Initial",
+    "Lawnmower",
+    "Legs",
+    "Line",
+    "Outliers",
+    "Probability",
+    "PtyPort",
+    "Scenario",
+    "SerialPort",
+    "SoundSpeed",
+    "Sway",
+    "TcpServerPort",
+    "Track",
+    "UdpPort",
+    "UsblErrors",
+    "UsblModel",
+    "Wave",
+    "codec_options",
+]

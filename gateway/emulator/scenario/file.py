@@ -1,0 +1,49 @@
+"""The whole file: one vehicle's true motion, its instruments and the world around them."""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from drivers import registry
+from gateway.config.blocks import Beacon, InitialSigma, Name
+from gateway.emulator.scenario.acoustic import UsblModel
+from gateway.emulator.scenario.block import Block, SoundSpeed
+from gateway.emulator.scenario.imu import ImuModel
+from gateway.emulator.scenario.trajectory import Track
+
+DeviceModel = ImuModel | UsblModel
+
+
+class Initial(Block, frozen=True):
+    """How well the vehicle knows its first state; the errors are drawn from it."""
+
+    sigma: InitialSigma
+
+
+class Scenario(Block, frozen=True, kw_only=True):
+    """The whole file.
+
+    Attributes
+    ----------
+    start
+        Unix time of t = 0. A live run waits for it; one already over, or "now", begins at once.
+    sound_speed_m_s
+        What the instruments are told; the water has ``true_sound_speed_m_s``, by default the same.
+    """
+
+    seed: Annotated[int, Meta(ge=0)]
+    duration_s: Annotated[float, Meta(gt=0, le=7 * 86400)]
+    trajectory: Track
+    devices: dict[Name, DeviceModel]
+    initial: Initial
+    beacons: dict[str, Beacon] = msgspec.field(default_factory=dict)
+    vehicle: Name = "emulated"
+    start: Annotated[float, Meta(ge=0)] | Literal["now"] = "now"
+    sound_speed_m_s: SoundSpeed = 1500.0
+    true_sound_speed_m_s: SoundSpeed | None = None
+
+
+def codec_options(device: DeviceModel) -> Any:
+    """Options of the device's codec as its own Struct (checked by `load`)."""
+    return msgspec.convert(device.options, registry.lookup(device.codec).options)
