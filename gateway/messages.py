@@ -240,6 +240,7 @@ class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     t_used_ns: int | None
     quality: dict[str, tuple[int, float]] = {}
     noise: dict[str, float] = {}
+    aided: bool = False
 
 
 class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):

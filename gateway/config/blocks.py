@@ -118,30 +118,31 @@ class LblPrior(_Block, frozen=True):
     latency_ms: NonNegative = 0.0
 
 
-class ImuDevice(_Block, frozen=True, tag_field="kind", tag="imu"):
+class _Device(_Block, frozen=True, kw_only=True):
+    """What every device has: its wire format, where its bytes come from, and their time."""
+
+    codec: str
+    link: Link
+    options: dict[str, Any] = {}
+    clock: Clock = Clock()
+
+
+class ImuDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="imu"):
     """An inertial measurement unit."""
 
     kind: ClassVar[DeviceKind] = "imu"
 
-    codec: str
-    link: Link
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     noise: ImuNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     mounting_deg: Triple = (0.0, 0.0, 0.0)
 
 
-class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
+class UsblDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="usbl"):
     """An ultra-short-baseline array on the vehicle."""
 
     kind: ClassVar[DeviceKind] = "usbl"
 
-    codec: str
-    link: Link
     noise: UsblNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     mounting_deg: Triple = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     elements_m: tuple[Triple, ...] = ()
@@ -156,76 +157,56 @@ class UsblDevice(_Block, frozen=True, tag_field="kind", tag="usbl"):
     prior: UsblPrior = UsblPrior()
 
 
-class LblDevice(_Block, frozen=True, tag_field="kind", tag="lbl"):
+class LblDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="lbl"):
     """A transducer that interrogates moored transponders: ranges, no angles."""
 
     kind: ClassVar[DeviceKind] = "lbl"
 
-    codec: str
-    link: Link
     noise: LblNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     beacons: tuple[str, ...] = ()
     """Whom it interrogates; all beacons of the file unless named."""
     prior: LblPrior = LblPrior()
 
 
-class GnssDevice(_Block, frozen=True, tag_field="kind", tag="gnss"):
+class GnssDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="gnss"):
     """A satellite receiver; the lever arm is its antenna's."""
 
     kind: ClassVar[DeviceKind] = "gnss"
 
-    codec: str
-    link: Link
     noise: GnssNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
 
 
-class DepthDevice(_Block, frozen=True, tag_field="kind", tag="depth"):
+class DepthDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="depth"):
     """A pressure sensor; the height of the surface above it must be known."""
 
     kind: ClassVar[DeviceKind] = "depth"
 
-    codec: str
-    link: Link
     noise: DepthNoise
     surface_height_m: float
     """Of the water's surface above the ellipsoid: geoid and tide."""
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
 
 
-class DvlDevice(_Block, frozen=True, tag_field="kind", tag="dvl"):
+class DvlDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="dvl"):
     """A Doppler velocity log that tracks the bottom."""
 
     kind: ClassVar[DeviceKind] = "dvl"
 
-    codec: str
-    link: Link
     noise: DvlNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     mounting_deg: Triple = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
     """True speed of sound at its transducers over the one it was told."""
 
 
-class HeadingDevice(_Block, frozen=True, tag_field="kind", tag="heading"):
+class HeadingDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="heading"):
     """A compass of true north."""
 
     kind: ClassVar[DeviceKind] = "heading"
 
-    codec: str
-    link: Link
     noise: HeadingNoise
-    options: dict[str, Any] = {}
-    clock: Clock = Clock()
     mounting_deg: Triple = (0.0, 0.0, 0.0)
 
 

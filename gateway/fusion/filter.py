@@ -64,6 +64,8 @@ class Memory:
     """By device and row, see `gateway.fusion.robust`."""
     origin_e: Array | None = None
     """(3,) local origin of the invariant errors; None is where the filter starts."""
+    aided: bool = False
+    """Whether anything was used since the filter began, were it a depth."""
 
     def copy(self) -> Self:
         """Independent copy."""
@@ -178,6 +180,7 @@ class Filter:
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
         memory.used += 1
+        memory.aided = True
         if fix.locates:
             memory.t_used_ns = fix.t_ns
             self._trust(locked_out)
@@ -233,12 +236,16 @@ class Filter:
                 block = memory.state.P[part, part]
                 block += share * np.trace(block) / 3.0 * np.eye(3)
 
-    def _gate_is_open(self) -> bool:
-        """Whether the heading is too uncertain for a linearised gate to be just."""
+    def knows_heading(self) -> bool:
+        """Whether the heading is certain enough to go by."""
         state = self.memory.state
         lat, lon, _ = ecef_to_lla(state.r_e)
         down = C_en(lat, lon)[:, 2]
-        return bool(down @ state.P[ATT, ATT] @ down > GATE_MAX_HEADING_SD**2)
+        return bool(down @ state.P[ATT, ATT] @ down <= GATE_MAX_HEADING_SD**2)
+
+    def _gate_is_open(self) -> bool:
+        """Whether the heading is too uncertain for a linearised gate to be just."""
+        return not self.knows_heading()
 
     def _refuse(self, fix: Fix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""

@@ -20,6 +20,7 @@ def saved(memory: Memory, t_ns: int) -> SavedState:
         t_used_ns=memory.t_used_ns,
         quality=memory.quality.copy(),
         noise=memory.noise.copy(),
+        aided=memory.aided,
     )
 
 
@@ -41,4 +42,5 @@ def memory_of(message: SavedState) -> Memory:
         message.t_used_ns,
         message.quality.copy(),
         message.noise.copy(),
+        aided=message.aided,
     )

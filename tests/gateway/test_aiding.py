@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -14,7 +15,8 @@ from gateway.config import Config, wire_format
 from gateway.emulator import twin
 from gateway.estimator import Estimator
 from gateway.ingest import intakes
-from gateway.messages import FilterOutput, Innovation, Measurement, NavSolution
+from gateway.messages import FilterOutput, ImuBlock, Innovation, Measurement, NavSolution
+from gateway.modes import Mode
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler
 from tests.gateway.emulated import demo_data, make, track
@@ -241,3 +243,30 @@ def test_what_it_says_is_what_the_filter_learns(
     settled = [v for v in verdicts if v.t_ns > T0_NS + 10e9]
     rows = sum(len(v.components) for v in settled)
     assert chi2.ppf(1e-4, rows) < sum(v.nis for v in settled) < chi2.ppf(1 - 1e-4, rows)
+
+
+def modes_of(outputs: list[FilterOutput]) -> list[Mode]:
+    """The modes that were, in their order."""
+    return list(dict.fromkeys(o.mode for o in outputs if isinstance(o, NavSolution)))
+
+
+def test_a_log_alone_reckons_from_the_initial_place(voyage: Voyage) -> None:
+    case = CASES["pd6"]
+    config = set_out(voyage, case, "pd6")
+    outputs = fed(config, arrivals(voyage, config, case))
+    assert modes_of(outputs) == [Mode.ALIGNING, Mode.DEAD_RECKONING]
+    assert last_solution(outputs).fix_age_s is None
+
+
+def test_nothing_is_reckoned_on_an_unknown_heading(voyage: Voyage) -> None:
+    case = CASES["pd6"]
+    config = set_out(voyage, case, "pd6")
+    sigma = msgspec.structs.replace(config.initial.sigma, attitude_deg=(0.1, 0.1, 40.0))
+    initial = msgspec.structs.replace(config.initial, sigma=sigma)
+    config = msgspec.structs.replace(config, initial=initial)
+    early = (m for m in arrivals(voyage, config, case) if _t_ns(m) < T0_NS + 5e9)
+    assert modes_of(fed(config, early)) == [Mode.ALIGNING]
+
+
+def _t_ns(measurement: Measurement) -> int:
+    return measurement.t_last_ns if isinstance(measurement, ImuBlock) else measurement.t_ns
