@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import fcntl
 import os
 import termios
 import time
@@ -9,13 +10,17 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 from serial import Serial
+from serial.rs485 import RS485Settings
 
 from drivers.links.base import Chunk, Link, LinkCounts, LinkError, Take, reason
-from drivers.settings import SerialLink
+from drivers.links.holder import holder, process_name
+from drivers.settings import Rs485, SerialLink
 
 READ_BYTES = 65_536
-BITS_A_BYTE = 10
-"""Start, eight data bits, stop."""
+PSEUDO_TERMINALS = range(136, 144)
+"""Major device numbers of the far ends of ptys on Linux."""
+
+_PARITY = {"none": "N", "even": "E", "odd": "O", "mark": "M", "space": "S"}
 
 
 @asynccontextmanager
@@ -73,7 +78,7 @@ class SerialWriter:
         self.sent = 0
         self.dropped = 0
         self._port = _open_port(settings)
-        self._second = settings.baud // BITS_A_BYTE
+        self._second = settings.baud // settings.bits_per_byte
         self._rest = b""
         self._loop = asyncio.get_running_loop()
 
@@ -127,17 +132,79 @@ def open_serial_writer(settings: SerialLink) -> SerialWriter:
 
 
 def _open_port(settings: SerialLink) -> Serial:
+    """Open and set up a port for nobody else; raises `LinkError` with one line that says why not.
+
+    A program that opens it nevertheless would take some of the bytes: the lock keeps out those that
+    ask for one as well (pyserial, minicom), TIOCEXCL all but root's.
+    """
+    port = Serial(
+        baudrate=settings.baud,
+        bytesize=settings.data_bits,
+        parity=_PARITY[settings.parity],
+        stopbits=settings.stop_bits,
+        rtscts=settings.flow == "rts_cts",
+        xonxoff=settings.flow == "xon_xoff",
+        timeout=0,
+        write_timeout=0,
+        exclusive=True,
+    )
+    port.port, port.dtr, port.rts = settings.port, settings.dtr, settings.rts
     try:
-        port = Serial(settings.port, settings.baud, timeout=0, write_timeout=0, exclusive=True)
+        port.open()
     except OSError as error:
-        held = error.errno in (errno.EAGAIN, errno.EBUSY)
-        why = "in use by another program" if held else reason(error)
-        raise LinkError(f"{settings.port}: {why}") from error
+        raise LinkError(f"{settings.port}: {_why_not(settings.port, error)}") from error
     except termios.error as error:
         raise LinkError(f"{settings.port}: not a serial line") from error
     except ValueError as error:
         raise LinkError(f"{settings.port}: cannot run at {settings.baud} baud") from error
+    try:
+        _set_up(port, settings)
+    except BaseException:
+        port.close()
+        raise
+    return port
+
+
+def _set_up(port: Serial, settings: SerialLink) -> None:
+    """What pyserial does not do, or not insist on, when it opens a port."""
+    asked = termios.CS7 if settings.data_bits == 7 else termios.CS8
+    asked |= termios.PARENB if settings.parity != "none" else 0
+    if termios.tcgetattr(port.fileno())[2] & (termios.CSIZE | termios.PARENB) != asked:
+        raise LinkError(
+            f"{port.port}: does not take {settings.data_bits} data bits, parity {settings.parity}"
+        )
+    if not settings.dtr or not settings.rts:
+        try:
+            port.dtr, port.rts = settings.dtr, settings.rts
+        except OSError as error:
+            raise LinkError(f"{port.port}: has no lines DTR and RTS to be set") from error
+    if settings.rs485 is not None:
+        try:
+            port.rs485_mode = _rs485(settings.rs485)
+        except ValueError as error:
+            raise LinkError(f"{port.port}: has no RS-485 mode") from error
+    # The mark goes with the last close of a port, but with a pty only when both ends are closed,
+    # and so would keep out the next run.
+    if os.major(os.fstat(port.fileno()).st_rdev) not in PSEUDO_TERMINALS:
+        fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     # A pty has no such mode (OSError), nor have some adapters (ValueError) and systems.
     with suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
-    return port
+
+
+def _rs485(settings: Rs485) -> RS485Settings:
+    return RS485Settings(
+        rts_level_for_tx=settings.rts_on_send,
+        rts_level_for_rx=not settings.rts_on_send,
+        loopback=settings.hears_itself,
+        delay_before_tx=settings.delay_before_ms / 1000,
+        delay_before_rx=settings.delay_after_ms / 1000,
+    )
+
+
+def _why_not(port: str, error: OSError) -> str:
+    """Say why a port does not open; of one that is held, by whom."""
+    if error.errno not in (errno.EAGAIN, errno.EBUSY):
+        return reason(error)
+    pid = holder(port)
+    return "in use by another program" + ("" if pid is None else f" ({process_name(pid)})")

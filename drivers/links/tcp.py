@@ -12,9 +12,8 @@ from drivers.settings import TcpLink
 CONNECT_TIMEOUT_S = 5.0
 READ_BYTES = 65_536
 
-# A peer that vanished without a word is noticed after 5 + 3 x 2 s of silence. Linux names; macOS
-# lacks some.
-_KEEP_ALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_NODELAY": 1}
+PROBES = 3
+"""A server that is heard of no more is asked so often before it is given up."""
 
 
 @asynccontextmanager
@@ -70,6 +69,21 @@ def _reader(sock: socket.socket, link: Link, source: str) -> Callable[[], None]:
     return read
 
 
+def _keep_alive(dead_after_s: int) -> dict[str, int]:
+    """Options with which a peer that vanished without a word is noticed after so many seconds.
+
+    Linux names; macOS lacks some. The last one does the same for bytes that it never acknowledges.
+    """
+    every_s = max(1, dead_after_s // (PROBES + 2))
+    return {
+        "TCP_KEEPIDLE": dead_after_s - PROBES * every_s,
+        "TCP_KEEPINTVL": every_s,
+        "TCP_KEEPCNT": PROBES,
+        "TCP_USER_TIMEOUT": 1000 * dead_after_s,
+        "TCP_NODELAY": 1,
+    }
+
+
 async def _connected_socket(settings: TcpLink) -> socket.socket:
     """Connect to the first address of the host that answers; else raise the last complaint."""
     loop = asyncio.get_running_loop()
@@ -80,7 +94,7 @@ async def _connected_socket(settings: TcpLink) -> socket.socket:
         try:
             sock.setblocking(False)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-            for option, value in _KEEP_ALIVE.items():
+            for option, value in _keep_alive(settings.dead_after_s).items():
                 if hasattr(socket, option):
                     sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
             request_stamps(sock)

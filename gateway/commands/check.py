@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from drivers.settings import OutputLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config import Config, NmeaOutput, load
+from gateway.config.lines import advice
 from gateway.errors import ConfigError
 
 
@@ -16,19 +17,23 @@ def run(arguments: Namespace) -> int:
     except ConfigError as error:
         if not arguments.json:
             raise
-        _print_json(arguments.config, error.faults)
+        _print_json(arguments.config, error.faults, [])
         return error.exit_code
+    advised = list(advice(config))
     if arguments.json:
-        _print_json(arguments.config, [])
+        _print_json(arguments.config, [], advised)
     else:
         print(f"{arguments.config}: no faults")
         for line in _overview(config):
             print(f"  {line}")
+        for line in advised:
+            print(f"  advice: {line}")
     return 0
 
 
-def _print_json(file: object, faults: list[str]) -> None:
-    print(json.dumps({"file": str(file), "ok": not faults, "faults": faults}, indent=2))
+def _print_json(file: object, faults: list[str], advised: list[str]) -> None:
+    report = {"file": str(file), "ok": not faults, "faults": faults, "advice": advised}
+    print(json.dumps(report, indent=2))
 
 
 def _overview(config: Config) -> Iterator[str]:
@@ -47,10 +52,19 @@ def _overview(config: Config) -> Iterator[str]:
 def _place(link: OutputLink, *, incoming: bool) -> str:
     match link:
         case SerialLink():
-            return f"{link.port} at {link.baud} baud"
+            return f"{link.port} at {link.baud} baud{_framing(link)}"
         case UdpLink():
             return f"UDP {link.group or link.bind if incoming else link.host}:{link.port}"
         case TcpLink():
             return f"TCP {link.host if incoming else link.bind}:{link.port}"
         case StdioLink():
             return "standard output"
+
+
+def _framing(link: SerialLink) -> str:
+    """What is not eight data bits, no parity, one stop bit."""
+    short = f"{link.data_bits}{link.parity[0].upper()}{link.stop_bits}"
+    words = [] if short == "8N1" else [short]
+    words += [] if link.flow == "none" else [link.flow.upper().replace("_", "/")]
+    words += [] if link.rs485 is None else ["RS-485"]
+    return "".join(f", {word}" for word in words)

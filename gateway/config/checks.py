@@ -23,6 +23,7 @@ from gateway.config.blocks import (
     UsblDevice,
     ZenohOutput,
 )
+from gateway.config.lines import line_faults
 from gateway.schema import build, known
 
 EARTH_RATE_DEG_H = 15.041
@@ -310,6 +311,7 @@ _CHECKS = (
     _alignment,
     _collisions,
     _addresses,
+    line_faults,
     _zenoh,
     _pulses,
     _array,

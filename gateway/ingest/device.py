@@ -11,8 +11,6 @@ from gateway.clock import ClockReport, DeviceClock
 from gateway.config import Device
 from gateway.pulse import DAY_MS, PulsedClock
 
-BITS_PER_BYTE = 10
-"""8N1 on a serial line."""
 UNORDERED_S = 1.0
 """How far behind the newest the time of a sentence may be, for not all are sent in their order."""
 
@@ -38,7 +36,9 @@ class DeviceIngest:
         link = device.link
         self.counts = DeviceCounts()
         self._latency_ns = round(device.clock.latency_ms * 1e6)
-        self._byte_ns = BITS_PER_BYTE * 1e9 / link.baud if isinstance(link, SerialLink) else 0.0
+        self._byte_ns = 0.0
+        if isinstance(link, SerialLink):
+            self._byte_ns = link.bits_per_byte * 1e9 / link.baud
         self._wants_device_time = device.clock.source != "arrival"
         told = DeviceClock(1e-3, DAY_MS, UNORDERED_S)
         self._day = PulsedClock(told) if self._wants_device_time else None

@@ -3,6 +3,8 @@
 import asyncio
 import socket
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +16,7 @@ from drivers.links.tcp import open_tcp
 from drivers.settings import TcpLink
 from gateway.supervise import Alive, Backoff, Notice, keep_running
 from tests.drivers.hearing import Heard, hearing
+from tests.shared_data import ROOT
 
 TCP_TABLE = Path("/proc/net/tcp")
 
@@ -109,7 +112,44 @@ async def test_an_idle_line_is_kept_alive(server: socket.socket) -> None:
         timer, left = timer_of_connection_to(settings.port)
         connection.close()
     assert timer == "02"  # the keep-alive timer
-    assert int(left, 16) <= 5 * 100
+    assert int(left, 16) <= 4 * 100
+
+
+VANISHED = """
+import asyncio, socket, subprocess, sys, time
+from drivers.links import LinkCounts, LinkError, open_link
+from drivers.settings import TcpLink
+
+async def main():
+    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+    server = socket.create_server(("127.0.0.1", 0))
+    link = TcpLink(port=server.getsockname()[1], dead_after_s=int(sys.argv[1]))
+    async with open_link(link, print) as line:
+        subprocess.run(["ip", "addr", "flush", "dev", "lo"], check=True)
+        begun = time.monotonic()
+        try:
+            await asyncio.wait_for(line.lost(), 30)
+        except LinkError as lost:
+            print(time.monotonic() - begun, lost)
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dead_after_s", [4, 10])
+def test_a_server_that_vanishes_is_dead_in_the_stated_time(dead_after_s: int) -> None:
+    """``pytest -m slow tests/drivers/test_links_tcp.py``: in a network that goes away."""
+    done = subprocess.run(
+        ["unshare", "-rn", sys.executable, "-c", VANISHED, str(dead_after_s)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    took_s, _, why = done.stdout.strip().partition(" ")
+    assert dead_after_s - 1 < float(took_s) < dead_after_s + 2, done.stdout
+    assert why.startswith("tcp 127.0.0.1:"), done.stdout
 
 
 async def test_stamp_and_source(server: socket.socket) -> None:

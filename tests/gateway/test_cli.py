@@ -126,10 +126,12 @@ def test_wrong_configuration_names_every_fault(command: list[str], wrong: Path) 
 def test_check_as_json(wrong: Path) -> None:
     done = usblnav("check", wrong, "--json")
     assert done.returncode == 2
-    assert json.loads(done.stdout) == {"file": str(wrong), "ok": False, "faults": EVERY_FAULT}
+    said = {"file": str(wrong), "ok": False, "faults": EVERY_FAULT, "advice": []}
+    assert json.loads(done.stdout) == said
     good = usblnav("check", "config.yaml", "--json")
     assert good.returncode == 0
-    assert json.loads(good.stdout) == {"file": "config.yaml", "ok": True, "faults": []}
+    said = {"file": "config.yaml", "ok": True, "faults": [], "advice": []}
+    assert json.loads(good.stdout) == said
 
 
 def test_check_of_a_good_file_shows_what_it_sets_up() -> None:

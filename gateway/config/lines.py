@@ -1,0 +1,62 @@
+"""Serial lines: settings that contradict each other, and names that will not stay."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivers.settings import SerialLink
+from gateway.config.blocks import Config, ZenohOutput
+from gateway.schema import known
+
+STABLE_NAMES = (Path("/dev/usblnav"), Path("/dev/serial/by-id"))
+"""Where udev keeps names that follow an adapter: our rule's, then the system's."""
+
+_KERNEL_NAME = re.compile(r"/dev/tty(USB|ACM)\d+")
+
+
+def line_faults(config: Config) -> Iterator[str]:
+    """What no port could do."""
+    for path, link in _serial_lines(config):
+        if not known(link.flow, link.rts, link.rs485):
+            continue
+        if link.flow == "rts_cts" and not link.rts:
+            yield f"{path}.rts: with flow: rts_cts the system sets it"
+        if link.rs485 is not None and link.flow == "rts_cts":
+            yield f"{path}.flow: with rs485 RTS turns the transmitter on; use none"
+        if link.rs485 is not None and not link.rts:
+            yield f"{path}.rts: with rs485 the system sets it; see rs485.rts_on_send"
+
+
+def advice(config: Config, folders: tuple[Path, ...] = STABLE_NAMES) -> Iterator[str]:
+    """Names of ports that depend on the order of plugging in, with one that does not.
+
+    Parameters
+    ----------
+    config
+        A sound configuration.
+    folders
+        Where to look for a name that stays. No port is opened.
+    """
+    for path, link in _serial_lines(config):
+        if _KERNEL_NAME.fullmatch(link.port):
+            stable = next(_names_of(link.port, folders), "one of /dev/serial/by-id/")
+            yield f"{path}.port: {link.port} depends on the order of plugging in; use {stable}"
+
+
+def _serial_lines(config: Config) -> Iterator[tuple[str, SerialLink]]:
+    for name, device in (config.devices if known(config.devices) else {}).items():
+        if known(device) and isinstance(device.link, SerialLink):
+            yield f"devices.{name}.link", device.link
+    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+        if not known(output) or isinstance(output, ZenohOutput):
+            continue
+        if isinstance(output.link, SerialLink):
+            yield f"outputs[{n}].link", output.link
+
+
+def _names_of(port: str, folders: tuple[Path, ...]) -> Iterator[Path]:
+    """Links to the same device; none while it is not plugged in."""
+    device = Path(port).resolve()
+    for folder in folders:
+        if folder.is_dir():
+            yield from (name for name in sorted(folder.iterdir()) if name.resolve() == device)
