@@ -54,9 +54,19 @@ def _write_config(scenario: Scenario, path: Path, of_capture: bool) -> None:
 def _lines(report: player.Report) -> list[str]:
     lines = []
     for name, sent in report.devices.items():
-        lost = f", {sent.dropped_bytes} bytes taken by nobody" if sent.dropped_bytes else ""
-        unsayable = f", {sent.unsayable} that the format cannot say" if sent.unsayable else ""
-        lines.append(f"{name}: {sent.frames} frames, {sent.bytes} bytes{lost}{unsayable}")
+        said = [
+            f"{count} {what}"
+            for count, what in (
+                (sent.damaged, "frames damaged"),
+                (sent.dropped, "frames lost on the way"),
+                (sent.repeated, "frames repeated"),
+                (sent.junk_bytes, "bytes of junk"),
+                (sent.dropped_bytes, "bytes taken by nobody"),
+                (sent.unsayable, "that the format cannot say"),
+            )
+            if count
+        ]
+        lines.append(", ".join([f"{name}: {sent.frames} frames", f"{sent.bytes} bytes", *said]))
     if report.lateness_ms is not None:
         p50, p99, most = report.lateness_ms
         lines.append(f"frames late by {p50:.2f} ms (median), {p99:.2f} (99 %), {most:.2f} (worst)")

@@ -1,12 +1,32 @@
 """What each kind of instrument of a scenario says, as one stream of bytes."""
 
+import heapq
 from collections.abc import Iterator
+from operator import attrgetter
 
 from gateway.emulator.acoustics import usbl_stream
+from gateway.emulator.faults.wire import faulty
+from gateway.emulator.ports import paced
 from gateway.emulator.scenario import DeviceModel, ImuModel, Scenario, UsblModel
 from gateway.emulator.sensors import imu_stream
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
+
+
+def emissions(
+    scenario: Scenario, trajectory: Trajectory, start_unix_s: float, block_s: float
+) -> Iterator[Emission]:
+    """All devices' bytes as they reach their ports, in the order of time."""
+    streams = (
+        paced(
+            faulty(
+                stream(scenario, name, model, trajectory, start_unix_s, block_s), name, scenario
+            ),
+            model.port,
+        )
+        for name, model in scenario.devices.items()
+    )
+    return heapq.merge(*streams, key=attrgetter("t"))
 
 
 def stream(

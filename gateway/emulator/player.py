@@ -1,7 +1,6 @@
 """Plays a scenario: in real time onto its ports, or as fast as possible into a capture file."""
 
 import gc
-import heapq
 import socket
 import sys
 import threading
@@ -9,14 +8,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
-from gateway.emulator.instruments import stream
+from gateway.emulator.instruments import emissions
+from gateway.emulator.ledger import Sent
 from gateway.emulator.pcap import PcapWriter
-from gateway.emulator.ports import OutPort, describe, open_port, paced
+from gateway.emulator.ports import Plug, describe
 from gateway.emulator.scenario import Scenario, UdpPort
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
@@ -33,20 +32,6 @@ _NAP_S = 0.1
 _SOURCE_PORT = 49152
 
 Say = Callable[[str], None]
-
-
-@dataclass(slots=True)
-class Sent:
-    """Totals of one device.
-
-    ``unsayable`` fixes do not exist in the device's format, ``dropped_bytes`` found nobody who took
-    them.
-    """
-
-    frames: int = 0
-    unsayable: int = 0
-    bytes: int = 0
-    dropped_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +96,10 @@ class _Run:
     def live(self) -> Report:
         """Open every port, then send each frame when its time has come."""
         with ExitStack() as stack:
-            ports: dict[str, OutPort] = {}
+            ports: dict[str, Plug] = {}
             for name, model in self.scenario.devices.items():
-                ports[name] = open_port(model.port)
-                stack.callback(ports[name].close)
+                ports[name] = Plug(model.port)
+                stack.callback(ports[name].pull)
                 self.say(f"{name}: {model.codec} to {ports[name].where}")
             start_unix, start = self._start()
             emissions = self._emissions(self.scenario, start_unix, _LIVE_BLOCK_S, stack)
@@ -143,7 +128,7 @@ class _Run:
                     writer.write(
                         start_ns + round(e.t * 1e9), source[e.device], to[e.device], e.data
                     )
-                self._count(e)
+                self.sent[e.device].note(e)
         return Report(start_unix, self.sent)
 
     def _start(self) -> tuple[float, float]:
@@ -163,23 +148,19 @@ class _Run:
     ) -> Iterator[Emission]:
         """All devices' bytes in the order of time; the truth file is kept ahead of them."""
         trajectory = Trajectory(scenario.trajectory, scenario.duration_s)
-        streams: list[Iterator[Emission]] = []
-        for name, model in scenario.devices.items():
-            self.sent[name] = Sent()
-            said = stream(scenario, name, model, trajectory, start_unix, block_s)
-            streams.append(paced(said, model.port))
+        self.sent.update((name, Sent()) for name in scenario.devices)
         writer = None
         if self.truth is not None:
             file = stack.enter_context(self.truth.open("w", encoding="ascii"))
             writer = TruthWriter(file, trajectory, start_unix)
             writer.write_until(0.0)
-        for emission in heapq.merge(*streams, key=attrgetter("t")):
+        for emission in emissions(scenario, trajectory, start_unix, block_s):
             if writer is not None:
                 writer.write_until(emission.t)
             yield emission
 
     def _play(
-        self, emissions: Iterator[Emission], ports: dict[str, OutPort], start: float
+        self, emissions: Iterator[Emission], ports: dict[str, Plug], start: float
     ) -> tuple[float, float, float]:
         late: list[float] = []
         gc.freeze()
@@ -188,22 +169,23 @@ class _Run:
                 due = start + e.t / self.speed
                 if not _sleep_until(due, self.stop):
                     break
-                if e.data:
-                    ports[e.device].send(e.data)
+                self._pass_on(e, ports[e.device])
                 late.append(time.monotonic() - due)
-                self._count(e)
+                self.sent[e.device].note(e)
         finally:
             gc.unfreeze()
         p50, p99, most = np.percentile(late or [0.0], [50, 99, 100]) * 1e3
         return float(p50), float(p99), float(most)
 
-    def _count(self, emission: Emission) -> None:
-        sent = self.sent[emission.device]
-        sent.bytes += len(emission.data)
-        if not emission.data:
-            sent.unsayable += 1
-        else:
-            sent.frames += emission.last
+    def _pass_on(self, e: Emission, port: Plug) -> None:
+        if e.fate == "unplugged":
+            port.pull()
+            self.say(f"{e.device}: unplugged")
+        elif e.fate == "plugged":
+            port.put_in()
+            self.say(f"{e.device}: back, to {port.where}")
+        elif e.data:
+            port.send(e.data)
 
 
 def _sleep_until(due: float, stop: threading.Event) -> bool:

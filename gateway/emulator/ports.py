@@ -12,6 +12,7 @@ import termios
 import tty
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -76,14 +77,55 @@ def paced(stream: Iterable[Emission], port: AnyPort) -> Iterator[Emission]:
     size = max(1, int(_PIECE_S / byte_s))
     free = 0.0
     for emission in stream:
-        if not emission.data:
-            yield emission
         free = max(free, emission.t)
+        if not emission.data:
+            yield replace(emission, t=free)
         for k in range(0, len(emission.data), size):
             piece = emission.data[k : k + size]
             free += len(piece) * byte_s
             last = k + size >= len(emission.data)
-            yield Emission(free, emission.device, piece, last)
+            yield replace(emission, t=free, data=piece, last=last)
+
+
+class Plug:
+    """A port whose cable can be pulled and put in again.
+
+    Raises
+    ------
+    UsblnavError
+        If it cannot be opened, also when it is put in again.
+    """
+
+    def __init__(self, port: AnyPort) -> None:
+        self._block = port
+        self._port: OutPort | None = open_port(port)
+        self._dropped_before = 0
+        self.where = self._port.where
+
+    @property
+    def dropped_bytes(self) -> int:
+        """Bytes that nobody took."""
+        return self._dropped_before + (self._port.dropped_bytes if self._port else 0)
+
+    def send(self, data: bytes) -> None:
+        """Send what can be sent at once, count the rest as dropped."""
+        if self._port is None:
+            self._dropped_before += len(data)
+        else:
+            self._port.send(data)
+
+    def pull(self) -> None:
+        """Close the port."""
+        if self._port is not None:
+            self._dropped_before += self._port.dropped_bytes
+            self._port.close()
+            self._port = None
+
+    def put_in(self) -> None:
+        """Open it again."""
+        if self._port is None:
+            self._port = open_port(self._block)
+            self.where = self._port.where
 
 
 class _Udp:

@@ -50,11 +50,21 @@ def load(path: Path) -> Scenario:
     config = build(Config, gateway_config(scenario), faults)
     if config is not None:
         faults.extend(cross_faults(config))
+    faults.extend(_impossible(scenario))
     if not faults:
         faults.extend(_unsayable(scenario))
     if faults:
         raise ConfigError(faults, path)
     return scenario
+
+
+def _impossible(scenario: Scenario) -> Iterator[str]:
+    """Faults that come at no time, or to nobody."""
+    for k, fault in enumerate(scenario.faults):
+        if (fault.at_s is None) == (fault.per_hour is None):
+            yield f"faults[{k}]: expected either at_s or per_hour"
+        if fault.device not in scenario.devices:
+            yield f"faults[{k}].device: no device is called {fault.device}"
 
 
 def _unsayable(scenario: Scenario) -> Iterator[str]:

@@ -9,6 +9,7 @@ from drivers import registry
 from gateway.config.blocks import Beacon, InitialSigma, Name
 from gateway.emulator.scenario.acoustic import UsblModel
 from gateway.emulator.scenario.block import Block, SoundSpeed
+from gateway.emulator.scenario.faults import AnyFault
 from gateway.emulator.scenario.imu import ImuModel
 from gateway.emulator.scenario.trajectory import Track
 
@@ -42,6 +43,7 @@ class Scenario(Block, frozen=True, kw_only=True):
     start: Annotated[float, Meta(ge=0)] | Literal["now"] = "now"
     sound_speed_m_s: SoundSpeed = 1500.0
     true_sound_speed_m_s: SoundSpeed | None = None
+    faults: tuple[AnyFault, ...] = ()
 
 
 def codec_options(device: DeviceModel) -> Any:
