@@ -21,7 +21,7 @@ LENGTH_MAX = 82
 Checksum = Literal["required", "optional", "forbidden"]
 
 _SENTENCE = re.compile(r"\$([A-Z0-9]{3,})((?:,[^$*!]*)?)(?:\*([0-9A-Fa-f]{2})?)?")
-_RESERVED = frozenset("$*!,\\^~\r\n")
+_RESERVED = re.compile(r"[$*!\\^~\r\n]")
 _DEGREES = re.compile(r"(\d{1,3})(\d{2}(?:\.\d+)?)")
 
 
@@ -69,7 +69,7 @@ def sentence(address: str, fields: tuple[str, ...] | list[str], longest: int = L
         If it would be longer than `longest` characters, or a field holds a reserved character.
     """
     body = ",".join((address, *fields))
-    if any(not part.isascii() or _RESERVED & set(part) for part in (address, *fields)):
+    if not body.isascii() or body.count(",") != len(fields) or _RESERVED.search(body):
         raise ValueError(f"a field of ${body} holds a reserved character")
     line = f"${body}*{xor8(body.encode()):02X}\r\n".encode()
     if len(line) > longest:

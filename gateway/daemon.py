@@ -98,7 +98,8 @@ class _Daemon:
         async with AsyncExitStack() as stack:
             if self._keeper is not None:
                 stack.callback(self._keeper.close)
-            for output in self._outputs:
+            # Zenoh first: handed over at once, it is on its way while sentences are written.
+            for output in sorted(self._outputs, key=lambda o: isinstance(o, NmeaOutput)):
                 feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
                 self._feeds.append(feed)
             if self._recorder is not None:

@@ -234,9 +234,8 @@ class Estimator:
 
     def _too_long(self, rows: NDArray[np.float64]) -> list[int]:
         """Which samples stand in for more than can be bridged; before the first nothing is lost."""
-        if not len(rows) or rows[:, MISSING].max() <= self._max_gap_s:
-            return []
-        long: list[int] = np.flatnonzero(rows[:, MISSING] > self._max_gap_s).tolist()
+        missing_s: list[float] = rows[:, MISSING].tolist()  # of one sample, mostly
+        long = [k for k, s in enumerate(missing_s) if s > self._max_gap_s]
         return long if self._samples else [k for k in long if k]
 
     def _feed_stretch(

@@ -96,6 +96,7 @@ class Timeline(Generic[V]):
         self._rerun: _Rerun | None = None
         self._again_ns = NEVER  # of what came late behind the rerun
         self._notes: list[Note] = []
+        self._forget_at = 0  # only so often: there is nothing to forget between snapshots
         self.counts = OrderCounts()
         if after is not None:
             self._take_over(after)
@@ -120,8 +121,10 @@ class Timeline(Generic[V]):
             self.begin(start_ns(t_ns, rows))
         for begin in range(0, len(t_ns), CHUNK):
             part = slice(begin, begin + CHUNK)
-            self._forget()
             head = self._history.count
+            if head >= self._forget_at:
+                self._forget()
+                self._forget_at = head + self._stride
             self._history.append(t_ns[part], rows[part], self._snapshots[0][0])
             self._advance(head, verdicts)
         return verdicts

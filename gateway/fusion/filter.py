@@ -88,7 +88,8 @@ class Filter:
     def advance(self, rows: Array, track: Array) -> None:
         """Carry the state over whole samples."""
         begin = 0
-        for k in np.flatnonzero(rows[:, MISSING] > LONG_GAP_S).tolist():
+        # Of one sample, mostly: no work for numpy.
+        for k in (k for k, s in enumerate(rows[:, MISSING].tolist()) if s > LONG_GAP_S):
             self._carry(rows[begin:k], track[begin:k])
             self._lose_sight(rows[k], 0.0, 1.0)
             self.mark(track[k])

@@ -1,8 +1,9 @@
 """IMU records to increments in body axes, each at its time of validity."""
 
+from array import array
+
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 
 from drivers.records import ImuRecord, Record, Rejected
 from gateway.clock import NEVER, ClockReport, DeviceClock, Source, Tick
@@ -11,7 +12,7 @@ from gateway.ingest.device import DeviceIngest
 from gateway.messages import ImuBlock, Measurement
 from gateway.nav.attitude import C_from_euler
 
-Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 MICROSECOND = 1e-6
 SLOWEST = 0.25
@@ -27,16 +28,17 @@ class ImuIngest(DeviceIngest):
         super().__init__(device)
         self._period_s = 1.0 / device.rate_hz
         self._counting = wire_format(device)[0].counting
-        C_bs = C_from_euler(*np.radians(device.mounting_deg))
-        self._C_bs_T: Array = np.ascontiguousarray(C_bs.T)
+        C_bs = C_from_euler(*np.radians(device.mounting_deg)).tolist()
+        self._C_bs: tuple[Vector, ...] = tuple(map(tuple, C_bs))
         self._source: Source = "frames"
         self._clock = self._make_clock()
         self._counted = 0
         self._worst = 0.0
         self._t_last_ns: int | None = None
         self._chunk: list[ImuRecord] = []
-        self._t: list[int] = []
-        self._rows: list[tuple[float, ...]] = []
+        # One sample at a time, mostly: what numpy does at once for many costs more for one.
+        self._t = array("q")
+        self._rows = array("d")
 
     def take(self, record: Record | Rejected) -> None:
         """Take the next record; a sample marked invalid is left out like a missing one."""
@@ -68,13 +70,10 @@ class ImuIngest(DeviceIngest):
         """One block of the samples since the last call."""
         if not self._t:
             return []
-        t_ns = np.array(self._t, dtype=np.int64)
-        rows = np.array(self._rows)
-        rows[:, 1:4] = rows[:, 1:4] @ self._C_bs_T
-        rows[:, 4:7] = rows[:, 4:7] @ self._C_bs_T
-        self.counts.measurements += len(t_ns)
-        self._t, self._rows = [], []
-        return [ImuBlock(t_ns.tobytes(), rows.tobytes())]
+        block = ImuBlock(self._t.tobytes(), self._rows.tobytes())
+        self.counts.measurements += len(self._t)
+        self._t, self._rows = array("q"), array("d")
+        return [block]
 
     def clock_report(self) -> ClockReport:
         """How the samples are placed in time."""
@@ -153,6 +152,11 @@ class ImuIngest(DeviceIngest):
             m, v = dt_s, record.specific_force_m_s2
         missing_s = dt_s * (samples - 1) / samples
         self._t.append(t_ns)
-        self._rows.append(
-            (dt_s, k * a[0], k * a[1], k * a[2], m * v[0], m * v[1], m * v[2], missing_s)
-        )
+        turned, gained = self._in_body(k, a), self._in_body(m, v)
+        self._rows.extend((dt_s, *turned, *gained, missing_s))
+
+    def _in_body(self, factor: float, v_s: Vector) -> Vector:
+        """A vector in sensor axes, times a factor, in body axes."""
+        x, y, z = factor * v_s[0], factor * v_s[1], factor * v_s[2]
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._C_bs
+        return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
