@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers import registry
 from drivers.records import ImuRecord
+from gateway.emulator.faults.clocks import ImuClock
 from gateway.emulator.scenario import ImuModel, Scenario, codec_options
 from gateway.emulator.streams import Emission, generator
 from gateway.emulator.trajectory import Trajectory
@@ -95,6 +96,7 @@ def imu_stream(
     roll, pitch, heading = np.deg2rad(model.mounting_deg)
     C_bs = C_from_euler(roll, pitch, heading)
     frames = _Frames(model)
+    clock = ImuClock(scenario, name, registry.lookup(model.codec).counting, model.rate_hz)
     total = int(scenario.duration_s * model.rate_hz)
     block = max(1, int(block_s * model.rate_hz))
     left = 0.0
@@ -108,10 +110,11 @@ def imu_stream(
         )
         leaves = np.maximum.accumulate(np.maximum(t_end + delay, left))
         left = float(leaves[-1])
-        for sample, t, t_out, row in zip(
-            k.tolist(), t_end.tolist(), leaves.tolist(), sensed.tolist(), strict=True
+        numbers, times = clock.tell(t_end)
+        for number, t, t_out, row in zip(
+            numbers, times, leaves.tolist(), sensed.tolist(), strict=True
         ):
-            yield Emission(t_out, name, frames.encode(sample, t, row))
+            yield Emission(t_out, name, frames.encode(number, t, row))
 
 
 class _Frames:
@@ -123,13 +126,13 @@ class _Frames:
         self._temperature = model.temperature_c
         self._rate_hz = model.rate_hz
 
-    def encode(self, sample: int, t: float, row: list[float]) -> bytes:
+    def encode(self, number: int, t: float, row: list[float]) -> bytes:
         """One frame; the record says every form of the sample, the codec's options choose one."""
         x, y, z, u, v, w = row
         hz = self._rate_hz
         record = ImuRecord(
             t_rx_ns=0,
-            sequence=sample,
+            sequence=number,
             t_device_s=t,
             delta_angle_rad=(x, y, z),
             rate_rad_s=(hz * x, hz * y, hz * z),

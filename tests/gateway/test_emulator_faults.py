@@ -4,9 +4,12 @@ import itertools
 import socket
 from collections import Counter
 
+import numpy as np
 import pytest
 
+from drivers import registry
 from gateway.emulator import twin
+from gateway.emulator.faults.clocks import ImuClock
 from gateway.emulator.faults.wire import faulty
 from gateway.emulator.ledger import Sent
 from gateway.emulator.player import emulate
@@ -199,3 +202,45 @@ def test_a_live_port_is_closed_while_it_is_unplugged():
     receiver.close()
     assert (heard, report.devices["imu0"].dropped) == (40, 20)
     assert lines[2:] == ["imu0: unplugged", f"imu0: back, to udp 127.0.0.1:{port}"]
+
+
+def told(*faults, codec="kvh1750", options=None, rate_hz=100.0, seconds=60.0):
+    """Number and time on each sample of an IMU, and when it ended."""
+    block = demo_data()["devices"]["imu0"] | {"codec": codec, "rate_hz": rate_hz}
+    data = demo_data() | {"devices": {"imu0": block | {"options": options or {}}}}
+    scenario = make(data | {"faults": [{"device": "imu0", "at_s": 20.0} | f for f in faults]})
+    t = (np.arange(round(seconds * rate_hz)) + 1) / rate_hz
+    counting = registry.lookup(codec).counting
+    numbers, times = ImuClock(scenario, "imu0", counting, rate_hz).tell(t)
+    return np.array(numbers), np.array(times), t
+
+
+def test_a_clock_runs_fast_and_is_set():
+    numbers, times, t = told(
+        {"fault": "clock_drift", "ppm": 1000.0, "for_s": 10.0},
+        {"fault": "clock_step", "at_s": 40.0, "step_s": -5.0},
+    )
+    expected = t + 0.001 * np.clip(t - 20.0, 0.0, 10.0) - 5.0 * (t >= 40.0)
+    np.testing.assert_allclose(times, expected, atol=1e-9)
+    assert numbers.tolist() == [k % 128 for k in range(6000)], "the frames are counted all the same"
+
+
+def test_after_a_power_cycle_it_begins_at_zero():
+    numbers, times, t = told({"fault": "power_cycle", "for_s": 3.0})
+    np.testing.assert_allclose(times, np.where(t < 23.0, t, t - 23.0), atol=1e-9)
+    assert numbers[t >= 23.005][:3].tolist() == [0, 1, 2]
+
+
+def test_a_count_turns_over_when_it_is_told_to():
+    _, times, t = told({"fault": "clock_wrap"})
+    turn = 2**32 * 1e-6
+    np.testing.assert_allclose(times, (t - 20.0) % turn, atol=1e-6)
+    numbers, _, t = told({"fault": "clock_wrap"}, codec="xsens-mtdata2")
+    assert (numbers[np.argmin(np.abs(t - 20.0))] + 1) % 2**16 == 0
+
+
+def test_where_the_counter_is_a_clock_it_drifts():
+    numbers, _, t = told({"fault": "clock_drift", "ppm": 100.0, "at_s": 0.0}, codec="stim300")
+    assert np.diff(numbers)[:5].tolist() == [20, 20, 20, 20, 20]
+    assert numbers[-1] == round(60.0 * 1.0001 * 2000 - 1) % 256
+    assert t[-1] == 60.0

@@ -88,9 +88,10 @@ class PowerCycle(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="p
 
 
 class ClockDrift(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="clock_drift"):
-    """The device's clock runs fast by so much."""
+    """The device's clock runs fast by so much, to the end unless ``for_s`` is given."""
 
     ppm: float
+    for_s: NonNegative = 7 * 86400.0
 
 
 class ClockStep(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="clock_step"):

@@ -1,0 +1,68 @@
+"""What an instrument's clock tells, and its counter, after all that has happened to them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.codec import Counting
+from gateway.emulator.faults.occasions import begins
+from gateway.emulator.scenario import Scenario
+from gateway.emulator.scenario.faults import ClockDrift, ClockStep, ClockWrap, PowerCycle
+
+Array = NDArray[np.float64]
+
+
+def ahead(scenario: Scenario, name: str, t: Array) -> Array:
+    """By how much drift and steps have put a device's clock ahead at times (n,) s."""
+    by = np.zeros_like(t)
+    for k, fault in enumerate(scenario.faults):
+        if not isinstance(fault, ClockDrift | ClockStep) or fault.device != name:
+            continue
+        for begin in begins(scenario, k).tolist():
+            if isinstance(fault, ClockStep):
+                by += np.where(t >= begin, fault.step_s, 0.0)
+            else:
+                by += 1e-6 * fault.ppm * np.clip(t - begin, 0.0, fault.for_s)
+    return by
+
+
+class ImuClock:
+    """Number and time that an IMU puts on its samples: from its last start on, with its faults."""
+
+    def __init__(self, scenario: Scenario, name: str, counting: Counting, rate_hz: float) -> None:
+        self._scenario, self._name = scenario, name
+        self._counting = counting
+        self._per_s = rate_hz if counting.sequence_s is None else 1.0 / counting.sequence_s
+        self._starts = [0.0]
+        self._first_s = self._first = 0.0
+        for k, fault in enumerate(scenario.faults):
+            if fault.device != name:
+                continue
+            if isinstance(fault, PowerCycle):
+                self._starts += (begins(scenario, k) + fault.for_s).tolist()
+            elif isinstance(fault, ClockWrap):
+                self._turn_over(float(begins(scenario, k)[0]))
+        self._starts.sort()
+
+    def tell(self, t: Array) -> tuple[list[int], list[float]]:
+        """Numbers and times (s) of samples that end at times (n,) s."""
+        starts = np.array(self._starts)
+        on = starts[np.searchsorted(starts, t, side="right") - 1]
+        since, first = t - on, on == 0.0
+        gained = ahead(self._scenario, self._name, t)
+        told = since + gained - np.where(first, 0.0, ahead(self._scenario, self._name, on))
+        counted = since if self._counting.sequence_s is None else told
+        number = np.rint(counted * self._per_s + self._first * first) - 1.0
+        time = np.maximum(told + self._first_s * first, 0.0)
+        if self._counting.sequence_modulus is not None:
+            number %= self._counting.sequence_modulus
+        if self._counting.time_modulus_s is not None:
+            time %= self._counting.time_modulus_s
+        return number.astype(np.int64).tolist(), time.tolist()
+
+    def _turn_over(self, at_s: float) -> None:
+        """Begin with what turns over at a time, where a turn is longer than until then."""
+        modulus, turn_s = self._counting.sequence_modulus, self._counting.time_modulus_s
+        if modulus is not None:
+            self._first = -np.rint(at_s * self._per_s) % modulus
+        if turn_s is not None:
+            self._first_s = -at_s % turn_s
