@@ -4,10 +4,10 @@ import heapq
 from collections.abc import Iterator
 from operator import attrgetter
 
-from gateway.emulator.acoustics import usbl_stream
+from gateway.emulator.acoustics import lbl_stream, usbl_stream
 from gateway.emulator.faults.wire import faulty
 from gateway.emulator.ports import paced
-from gateway.emulator.scenario import DeviceModel, ImuModel, Scenario, UsblModel
+from gateway.emulator.scenario import DeviceModel, ImuModel, LblModel, Scenario, UsblModel
 from gateway.emulator.sensors import imu_stream
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
@@ -43,3 +43,5 @@ def stream(
             return imu_stream(scenario, name, model, trajectory, block_s)
         case UsblModel():
             return usbl_stream(scenario, name, model, trajectory, start_unix_s)
+        case LblModel():
+            return lbl_stream(scenario, name, model, trajectory, start_unix_s)

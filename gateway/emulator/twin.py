@@ -7,20 +7,19 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from drivers.records import UsblRecord
 from gateway.config.blocks import Config, Device, DeviceKind
 from gateway.config.checks import cross_faults
-from gateway.emulator.acoustics import sentence_writer
+from gateway.emulator import acoustics
 from gateway.emulator.scenario import (
     AnyPort,
     DeviceModel,
+    LblModel,
     PtyPort,
     Scenario,
     SerialPort,
     TcpServerPort,
     UdpPort,
     UsblModel,
-    codec_options,
 )
 from gateway.emulator.streams import generator
 from gateway.emulator.trajectory import Trajectory
@@ -70,26 +69,8 @@ def _impossible(scenario: Scenario) -> Iterator[str]:
 def _unsayable(scenario: Scenario) -> Iterator[str]:
     """What the devices' formats could never say."""
     for name, model in scenario.devices.items():
-        if not isinstance(model, UsblModel):
-            continue
-        if getattr(codec_options(model), "bearing_reference", "bow") != "bow":
-            yield f"devices.{name}.options.bearing_reference: the emulator knows bow only"
-        write = sentence_writer(model)
-        for beacon in scenario.beacons:
-            try:
-                write(
-                    UsblRecord(
-                        t_rx_ns=0,
-                        beacon=beacon,
-                        bearing_deg=0.0,
-                        elevation_deg=-45.0,
-                        slant_range_m=100.0,
-                        xyz_m=(70.7, 0.0, 70.7),
-                        t_device_s=0.0,
-                    )
-                )
-            except ValueError as error:
-                yield f"devices.{name}.codec: beacon {beacon}: {error}"
+        if isinstance(model, UsblModel | LblModel):
+            yield from acoustics.faults(scenario, name, model)
 
 
 def gateway_config(scenario: Scenario) -> dict[str, Any]:

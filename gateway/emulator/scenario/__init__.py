@@ -4,7 +4,15 @@ Where a block says the same thing as in the gateway's configuration it is the ve
 `gateway.emulator.twin` can give the configuration that matches a scenario.
 """
 
-from gateway.emulator.scenario.acoustic import Outliers, UsblErrors, UsblModel
+from gateway.emulator.scenario.acoustic import (
+    LblErrors,
+    LblModel,
+    Message,
+    Outliers,
+    ToldTime,
+    UsblErrors,
+    UsblModel,
+)
 from gateway.emulator.scenario.block import Probability, SoundSpeed
 from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec_options
 from gateway.emulator.scenario.imu import ImuErrors, ImuModel
@@ -19,8 +27,11 @@ __all__ = [
     "ImuModel",
     "Initial",
     "Lawnmower",
+    "LblErrors",
+    "LblModel",
     "Legs",
     "Line",
+    "Message",
     "Outliers",
     "Probability",
     "PtyPort",
@@ -29,6 +40,7 @@ __all__ = [
     "SoundSpeed",
     "Sway",
     "TcpServerPort",
+    "ToldTime",
     "Track",
     "UdpPort",
     "UsblErrors",

@@ -7,13 +7,13 @@ from msgspec import Meta
 
 from drivers import registry
 from gateway.config.blocks import Beacon, InitialSigma, Name
-from gateway.emulator.scenario.acoustic import UsblModel
+from gateway.emulator.scenario.acoustic import LblModel, UsblModel
 from gateway.emulator.scenario.block import Block, SoundSpeed
 from gateway.emulator.scenario.faults import AnyFault
 from gateway.emulator.scenario.imu import ImuModel
 from gateway.emulator.scenario.trajectory import Track
 
-DeviceModel = ImuModel | UsblModel
+DeviceModel = ImuModel | UsblModel | LblModel
 
 
 class Initial(Block, frozen=True):

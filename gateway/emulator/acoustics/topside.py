@@ -1,0 +1,74 @@
+"""Fixes as an instrument with an attitude and a place of its own says them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.emulator.acoustics.array import Fixes, direction
+from gateway.emulator.scenario import Scenario, UsblModel
+from gateway.emulator.streams import generator
+from gateway.emulator.trajectory import Geodetic, Trajectory
+from gateway.nav import earth
+from gateway.nav.attitude import C_from_euler
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """Where each beacon is, in the axes of the model.
+
+    ``xyz`` (n, 3) m, ``bearing`` and ``elevation`` (n,) rad; or, of a place on the Earth, ``place``
+    (n, 3): latitude, longitude (rad) and depth below the surface (m).
+    """
+
+    bearing: Array
+    elevation: Array
+    xyz: Array
+    place: Array | None = None
+
+
+def sightings(
+    scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory, fixes: Fixes
+) -> Sightings:
+    """The fixes in the model's axes, turned by the attitude at the moment of the reply."""
+    xyz_u = fixes.slant_range[:, None] * direction(fixes.bearing, fixes.elevation)
+    if model.axes == "array":
+        return Sightings(fixes.bearing, fixes.elevation, xyz_u)
+    truth = trajectory.geodetic(fixes.t_rx)
+    roll, pitch, heading = _own_attitude(scenario.seed, name, model, truth)
+    xyz_b = xyz_u @ C_from_euler(*np.deg2rad(model.mounting_deg)).T
+    if model.axes == "level":
+        heading = np.zeros_like(heading)
+    xyz = np.einsum("nij,nj->ni", C_from_euler(roll, pitch, heading), xyz_b)
+    x, y, z = np.moveaxis(xyz, -1, 0)
+    polar = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+    if model.axes == "earth":
+        return Sightings(*polar, xyz, _on_earth(scenario.seed, name, model, trajectory, fixes, xyz))
+    return Sightings(*polar, xyz)
+
+
+def _own_attitude(seed: int, name: str, model: UsblModel, truth: Geodetic) -> Array:
+    """Roll, pitch and heading as the instrument has them, (3, n) rad."""
+    true = np.stack([truth.roll, truth.pitch, truth.heading])
+    white = generator(seed, name, "own attitude").standard_normal((true.shape[1], 3)).T
+    error = np.array(model.attitude.offset_deg)[:, None] + white * np.array(
+        [[sigma] for sigma in model.attitude.noise_deg]
+    )
+    told: Array = true + np.deg2rad(error)
+    return told
+
+
+def _on_earth(
+    seed: int, name: str, model: UsblModel, trajectory: Trajectory, fixes: Fixes, xyz_n: Array
+) -> Array:
+    """Latitude, longitude and depth of the beacons by the place that the instrument knows."""
+    pose = trajectory.pose(fixes.t_rx)
+    r_e = pose.r_e + pose.C_eb @ np.array(model.lever_arm_m)
+    lat, lon, _ = earth.ecef_to_lla(r_e)
+    white = generator(seed, name, "own place").standard_normal(xyz_n.shape)
+    error_n = np.array(model.place.offset_m) + np.array(model.place.noise_m) * white
+    b_e = r_e + np.einsum("nij,nj->ni", earth.C_en(lat, lon), error_n + xyz_n)
+    lat, lon, h = earth.ecef_to_lla(b_e)
+    return np.stack([lat, lon, model.surface_height_m - h], axis=-1)
