@@ -19,8 +19,8 @@ SLEW = 1e-3
 """Fastest correction of a locked clock: a millisecond a second."""
 DRIFT_AGAIN = 3e-6
 """How much a power cycle may change a drift."""
-JITTER_AGAIN = 4
-"""As if so many stretches after it had shown the jitter that was before."""
+JITTER_AGAIN = 10
+"""As if so many stretches after it had shown the jitter that was before: it is the line's."""
 QUEUES = 100
 """Chunks over which the mean queue is taken."""
 BACKLOG_S = 0.5
