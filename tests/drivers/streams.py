@@ -88,9 +88,9 @@ FRAMES: dict[str, list[bytes]] = {
 }
 
 
-def decoder(name: str) -> Decoder:
+def decoder(name: str, options: msgspec.Struct | None = None) -> Decoder:
     codec = registry.lookup(name)
-    return codec.decoder(codec.options())
+    return codec.decoder(codec.options() if options is None else options)
 
 
 def bare(records: Iterable[Record | Rejected]) -> list[Record | Rejected]:
@@ -102,15 +102,27 @@ def good(records: Iterable[Record | Rejected]) -> list[Record | Rejected]:
     return [record for record in bare(records) if not isinstance(record, Rejected)]
 
 
-def run(name: str, chunks: Iterable[bytes]) -> list[Record | Rejected]:
+def run(
+    name: str, chunks: Iterable[bytes], options: msgspec.Struct | None = None
+) -> list[Record | Rejected]:
     """Feed chunk i with the stamp i, close, and give all records."""
-    reader = decoder(name)
+    reader = decoder(name, options)
     records = [record for i, chunk in enumerate(chunks) for record in reader.feed(chunk, i)]
     return records + list(reader.close())
 
 
-def check_tiling(name: str, chunks: list[bytes], records: list[Record | Rejected]) -> None:
-    """Every byte is in exactly one frame, and each record says rightly when its first one came."""
+def check_tiling(
+    name: str,
+    chunks: list[bytes],
+    records: list[Record | Rejected],
+    options: msgspec.Struct | None = None,
+    *,
+    alone: bool = True,
+) -> None:
+    """Every byte is in exactly one frame, and each record says rightly when its first one came.
+
+    With `alone` a frame says the same to a decoder that has heard no other.
+    """
     stream = b"".join(chunks)
     ends = list(accumulate(map(len, chunks)))
     starts = [ends[record.t_rx_ns] - record.line_bytes for record in records]
@@ -123,5 +135,5 @@ def check_tiling(name: str, chunks: list[bytes], records: list[Record | Rejected
         assert start < end
         if isinstance(held[0], Rejected):
             assert [record.data for record in held] == [stream[start:end]]
-        else:
-            assert bare(held) == good(run(name, [stream[start:end]]))
+        elif alone:
+            assert bare(held) == good(run(name, [stream[start:end]], options))

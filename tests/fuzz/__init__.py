@@ -1,0 +1,1 @@
+"""Coverage-guided fuzzing of every codec, and the inputs it left behind."""
