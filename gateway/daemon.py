@@ -131,7 +131,7 @@ class _Daemon:
                 self._hand_on(line, chunk)
 
             async with open_link(settings, take, line.link) as link:
-                line.opened(time.monotonic())
+                line.opened(time.monotonic(), link.name)
                 if self._recorder is not None:
                     self._recorder.line(line.name, up=True)
                 try:
@@ -162,8 +162,8 @@ class _Daemon:
         """Decode a chunk and give the filter what came of it."""
         passage, t_rx_ns = self._health.passage, chunk.t_rx_ns
         if self._recorder is not None:
-            self._recorder.raw(line.name, chunk.data, t_rx_ns)
-        line.intake.feed(chunk.data, t_rx_ns)
+            self._recorder.raw(line.name, chunk.data, t_rx_ns, chunk.source)
+        line.intake.feed(chunk.data, t_rx_ns, chunk.source)
         decoded_ns = time.monotonic_ns()
         passage.decoded(line.name, t_rx_ns, decoded_ns)
         for measurement in line.intake.flush():

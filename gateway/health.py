@@ -41,6 +41,36 @@ FLOWING_S = 3.0
 _log = logging.getLogger(__name__)
 
 
+class SenderReport(msgspec.Struct, frozen=True):
+    """What became of one sender's bytes."""
+
+    bytes: int
+    records: int
+    rejected_bytes: int
+
+
+class LinkReport(msgspec.Struct, frozen=True):
+    """The line of a device.
+
+    Attributes
+    ----------
+    place
+        What its messages call it; null until it was open for the first time.
+    opened
+        How often; once more than it was lost, while it is up.
+    senders
+        Who spoke on it, the last one at the end; beyond sixteen those heard longest ago are summed
+        up as ``others``.
+    """
+
+    place: str | None
+    up: bool
+    opened: int
+    bytes: int
+    chunks: int
+    senders: dict[str, SenderReport]
+
+
 class DeviceReport(msgspec.Struct, frozen=True):
     """One device: its line, and what became of its bytes."""
 
@@ -57,6 +87,7 @@ class DeviceReport(msgspec.Struct, frozen=True):
     missing: int
     refused_datagrams: int
     kernel_dropped: int
+    link: LinkReport
     clock: ClockReport
 
 
@@ -87,12 +118,17 @@ class Line:
     intake: Intake
     link: LinkCounts = field(default_factory=LinkCounts)
     heard_at: float | None = None
+    place: str | None = None
+    up: bool = False
+    times_opened: int = 0
     _quiet_since: float | None = field(default=None, init=False)
     _said_silent: bool = field(default=False, init=False)
 
-    def opened(self, now: float) -> None:
-        """Note that the line is open."""
+    def opened(self, now: float, place: str) -> None:
+        """Note that the line is open, and what it is called."""
         self._quiet_since = now
+        self.place, self.up = place, True
+        self.times_opened += 1
 
     def heard(self, now: float) -> None:
         """Note that bytes came."""
@@ -101,6 +137,7 @@ class Line:
     def lost(self) -> None:
         """Note that the line is gone, which is said by those who try to open it again."""
         self._quiet_since, self._said_silent = None, False
+        self.up = False
 
     def report(self, now: float) -> DeviceReport:
         """Counts of the device and of its link."""
@@ -119,7 +156,25 @@ class Line:
             missing=counts.missing,
             refused_datagrams=link.refused,
             kernel_dropped=link.kernel_dropped,
+            link=self._link_report(),
             clock=self.intake.clock_report(),
+        )
+
+    def _link_report(self) -> LinkReport:
+        senders = self.intake.senders
+        counted = dict(senders.counts)
+        if senders.others.bytes:
+            counted["others"] = senders.others
+        return LinkReport(
+            place=self.place,
+            up=self.up,
+            opened=self.times_opened,
+            bytes=self.link.bytes,
+            chunks=self.link.chunks,
+            senders={
+                who: SenderReport(told.bytes, told.records, told.rejected_bytes)
+                for who, told in counted.items()
+            },
         )
 
     def watch(self, now: float) -> None:

@@ -226,11 +226,11 @@ def _measurements(traffic: Traffic, devices: dict[str, Intake]) -> Iterator[Meas
                 gathered = None
             devices[item.device].pulse(item.t_ns)
             continue
-        name, data, t_rx_ns = item
+        name, data, t_rx_ns, source = item
         if gathered is not None and (name != gathered or chunks >= CHUNKS_PER_BLOCK):
             yield from devices[gathered].flush()
             chunks = 0
-        devices[name].feed(data, t_rx_ns)
+        devices[name].feed(data, t_rx_ns, source)
         gathered, chunks = name, chunks + 1
     for device in devices.values():
         device.close()

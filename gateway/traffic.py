@@ -55,8 +55,8 @@ class Traffic(ABC):
         try:
             for item in self._items():
                 if not isinstance(item, Pulse):
-                    self._first_ns = item[2] if self._first_ns is None else self._first_ns
-                    self._last_ns = item[2]
+                    self._first_ns = item.t_rx_ns if self._first_ns is None else self._first_ns
+                    self._last_ns = item.t_rx_ns
                 yield item
         except CaptureError as error:
             self.fault = error
@@ -153,7 +153,7 @@ class _Recording(Traffic):
                 known = event.device in self.config.devices
                 self._chunks["selected" if known else "not_selected"] += 1
                 if known:
-                    yield event.device, event.data, event.t_rx_ns
+                    yield Payload(event.device, event.data, event.t_rx_ns, event.source)
             elif isinstance(event, Pulse) and event.device in self.config.devices:
                 yield event
         if not self._chunks["selected"]:

@@ -4,6 +4,7 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from ipaddress import ip_address
 from pathlib import Path
 from typing import NamedTuple
@@ -19,8 +20,18 @@ from drivers.sources import source_filter
 SILENT_NS = 5_000_000_000
 """A connection that has carried nothing for so long gives way to another one."""
 
-Payload = tuple[str, bytes, int]
-"""Device, bytes, arrival in ns since the Unix epoch."""
+
+class Payload(NamedTuple):
+    """Bytes of one datagram, or of a stream as they became readable.
+
+    ``t_rx_ns``: arrival in ns, since the Unix epoch in a capture. ``source``: who sent them,
+    ``address:port``, where several could have.
+    """
+
+    device: str
+    data: bytes
+    t_rx_ns: int
+    source: str = ""
 
 
 @dataclass(slots=True)
@@ -71,9 +82,8 @@ def read_streams(
 
     Yields
     ------
-    tuple
-        Device, payload of one datagram or the bytes of a stream that became readable, and arrival
-        (ns since the Unix epoch).
+    Payload
+        What came for one device.
 
     Raises
     ------
@@ -144,7 +154,8 @@ def _heard(
         if admits is not None and not admits(datagram.src):
             refused = True
             continue
-        heard.append((device, datagram.payload, t_ns))
+        source = _sender(datagram.src, datagram.sport)
+        heard.append(Payload(device, datagram.payload, t_ns, source))
     if heard:
         counts.selected += 1
     elif refused:
@@ -213,7 +224,7 @@ def _followed(
     else:
         counts.not_selected += 1
     return [
-        (route.device, data, t_piece)
+        Payload(route.device, data, t_piece)
         for route in followed
         for data, t_piece in route.add(segment, t_ns)
     ]
@@ -222,7 +233,13 @@ def _followed(
 def _rest(tcp: Mapping[int, list[_TcpRoute]]) -> Iterator[Payload]:
     for routes in tcp.values():
         for route in routes:
-            yield from ((route.device, data, t_ns) for data, t_ns in route.close())
+            yield from (Payload(route.device, data, t_ns) for data, t_ns in route.close())
+
+
+@lru_cache(maxsize=1024)
+def _sender(address: bytes, port: int) -> str:
+    host = str(ip_address(address))
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _packed(host: str) -> bytes | None:

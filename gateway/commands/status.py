@@ -16,6 +16,7 @@ from gateway.outputs.sinks import SinkStatus
 from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask
 
 DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
+LINK = ("line of", "place", "up", "opened", "chunks", "bytes", "records", "junk bytes")
 CLOCK = ("time of", "by its", "state", "drift ppm", "sigma ms", "jitter ms", "resets", "untimed")
 OUTPUT = ("output", "up", "sent", "dropped", "clients", "stalled", "cut off", "error")
 STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max ever")
@@ -60,6 +61,8 @@ def lines(report: HealthReport) -> Iterator[str]:
     yield ""
     yield from _table(DEVICE, (_device(name, d) for name, d in report.devices.items()))
     yield ""
+    yield from _table(LINK, (row for name, d in report.devices.items() for row in _link(name, d)))
+    yield ""
     yield from _table(CLOCK, (_clock(name, d.clock) for name, d in report.devices.items()))
     yield ""
     yield from _table(OUTPUT, map(_output, report.outputs))
@@ -90,6 +93,17 @@ def _device(name: str, device: DeviceReport) -> list[str]:
     rejected = sum(device.rejected.values()) + sum(device.ignored.values())
     counts = (device.bytes, device.records, rejected, device.gaps, device.kernel_dropped)
     return [name, device.codec, silent, *map(str, counts)]
+
+
+def _link(name: str, device: DeviceReport) -> Iterator[list[str]]:
+    """The line of a device; below it those who speak on it, where they are several."""
+    link = device.link
+    counts = (link.opened, link.chunks, link.bytes, device.records, device.rejected_bytes)
+    yield [name, link.place or "-", "yes" if link.up else "no", *map(str, counts)]
+    if len(link.senders) > 1:
+        for who, sender in link.senders.items():
+            told = (sender.bytes, sender.records, sender.rejected_bytes)
+            yield ["", f"  {who}", "", "", "", *map(str, told)]
 
 
 def _clock(name: str, clock: ClockReport) -> list[str]:

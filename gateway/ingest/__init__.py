@@ -5,10 +5,11 @@ the device counts or tells the time, that sets the arrivals right (`gateway.cloc
 shared a chunk spread out, a missing one shows.
 """
 
+from functools import partial
 from typing import Protocol
 
-from drivers.codec import Decoder
 from drivers.records import Record, Rejected
+from drivers.senders import Senders
 from gateway.clock import ClockReport
 from gateway.config import (
     Config,
@@ -64,20 +65,20 @@ class Intake:
 
     def __init__(self, name: str, device: Device, sea: Sea | None = None) -> None:
         codec, options = wire_format(device)
-        self._decoder: Decoder = codec.decoder(options)
+        self.senders = Senders(partial(codec.decoder, options))
         self._ingest = _ingest(name, device, sea or Sea())
         self.counts = self._ingest.counts
 
-    def feed(self, data: bytes, t_rx_ns: int) -> None:
-        """Take one chunk with its receive stamp."""
+    def feed(self, data: bytes, t_rx_ns: int, source: str = "") -> None:
+        """Take one chunk with its receive stamp, and who sent it."""
         self.counts.bytes += len(data)
-        for record in self._decoder.feed(data, t_rx_ns):
+        for record in self.senders.feed(data, t_rx_ns, source):
             self._ingest.take(record)
         self._ingest.end_of_chunk()
 
     def close(self) -> None:
         """End of the bytes: what waits in the decoder is decoded or rejected."""
-        for record in self._decoder.close():
+        for record in self.senders.close():
             self._ingest.take(record)
         self._ingest.end_of_chunk()
 

@@ -12,11 +12,12 @@ Topic = Literal["nav", "innovation", "calibration", "status"]
 
 
 class Raw(msgspec.Struct, frozen=True, tag="raw"):
-    """A chunk of a device's bytes, as the device's intake was fed with it."""
+    """A chunk of a device's bytes, as the device's intake was fed with it, and who sent it."""
 
     device: str
     t_rx_ns: int
     data: bytes
+    source: str = ""
 
 
 class LineEvent(msgspec.Struct, frozen=True, tag="line"):

@@ -121,9 +121,9 @@ class Recorder:
         self._blocked = self._slow = False
         self._error = ""
 
-    def raw(self, device: str, data: bytes, t_rx_ns: int) -> None:
+    def raw(self, device: str, data: bytes, t_rx_ns: int, source: str = "") -> None:
         """Take a chunk, before the device's intake is fed with it."""
-        self._add(Raw(device, t_rx_ns, data), len(data))
+        self._add(Raw(device, t_rx_ns, data, source), len(data))
 
     def pulse(self, device: str, t_ns: int) -> None:
         """Take an edge, before the device's intake is told of it."""

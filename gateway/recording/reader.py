@@ -256,8 +256,7 @@ def _is_of_events(topic: str) -> bool:
 
 def _event(topic: str, message: Message) -> Event:
     if topic.startswith(RAW):
-        t_rx_ns, chunk = read_raw(message.data)
-        return Raw(topic.removeprefix(RAW), t_rx_ns, chunk)
+        return Raw(topic.removeprefix(RAW), *read_raw(message.data))
     if topic == UTC:
         return msgspec.json.decode(message.data, type=UtcSample)
     if topic.startswith(LINE):

@@ -17,6 +17,7 @@ UTC = "/utc"
 LOCATION = "/location"
 
 _HEAD = struct.Struct("<QI")
+_SIZE = struct.Struct("<I")
 
 
 class Form(NamedTuple):
@@ -34,17 +35,19 @@ RAW_FORM = Form(
     "ros1msg",
     b"# A chunk of bytes as it came.\n"
     b"uint64 t_rx_ns  # CLOCK_MONOTONIC of the host\n"
-    b"uint8[] data\n",
+    b"uint8[] data\n"
+    b"string source  # who sent it\n",
 )
 
 
-def raw_message(t_rx_ns: int, data: bytes) -> bytes:
+def raw_message(t_rx_ns: int, data: bytes, source: str) -> bytes:
     """Encode a chunk as `RAW_FORM` says."""
-    return _HEAD.pack(t_rx_ns, len(data)) + data
+    name = source.encode()
+    return _HEAD.pack(t_rx_ns, len(data)) + data + _SIZE.pack(len(name)) + name
 
 
-def read_raw(message: bytes) -> tuple[int, bytes]:
-    """Receive time and bytes of a chunk.
+def read_raw(message: bytes) -> tuple[int, bytes, str]:
+    """Receive time, bytes and sender of a chunk; recordings of before 2026-11-22 tell no sender.
 
     Raises
     ------
@@ -54,10 +57,11 @@ def read_raw(message: bytes) -> tuple[int, bytes]:
     if len(message) < _HEAD.size:
         raise ValueError("a chunk without its head")
     t_rx_ns, size = _HEAD.unpack_from(message)
-    data = message[_HEAD.size :]
-    if len(data) != size:
+    data, rest = message[_HEAD.size : _HEAD.size + size], message[_HEAD.size + size :]
+    name = rest[_SIZE.size :]
+    if len(data) != size or (rest and rest[: _SIZE.size] != _SIZE.pack(len(name))):
         raise ValueError("a chunk of another length than it says")
-    return t_rx_ns, data
+    return t_rx_ns, data, name.decode()
 
 
 def json_form(name: str, schema: dict[str, Any], example: Any = None) -> Form:

@@ -12,13 +12,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
-from drivers.codec import Decoder
 from drivers.links.base import reason
 from drivers.records import to_json
+from drivers.senders import Senders
 from gateway.config import Config, wire_format
 from gateway.filter_process.channel import MAX_MESSAGE
 from gateway.outputs.schema import NavReport
@@ -193,11 +194,11 @@ class Tape:
         """The bytes, and the records that they complete."""
         topic, utc_ns = f"{RAW}{raw.device}", self._unix(raw.t_rx_ns)
         _begin(file, topic, RAW_FORM)
-        file.write(topic, utc_ns, sequence, raw_message(raw.t_rx_ns, raw.data))
+        file.write(topic, utc_ns, sequence, raw_message(raw.t_rx_ns, raw.data, raw.source))
         decoder = self._decoders.get(raw.device)
         if decoder is None:
             return
-        for record in decoder.feed(raw.data, raw.t_rx_ns):
+        for record in decoder.feed(raw.data, raw.t_rx_ns, raw.source):
             kind = type(record)
             topic = f"{RECORDS}{raw.device}/{kind.__struct_config__.tag}"
             if not file.knows(topic):
@@ -241,12 +242,12 @@ def _begin(file: RecordingFile, topic: str, form: Form) -> None:
         file.begin(topic, form)
 
 
-def _decoders(config: Config) -> dict[str, Decoder]:
-    """A decoder for each device."""
-    made: dict[str, Decoder] = {}
+def _decoders(config: Config) -> dict[str, Senders]:
+    """The decoders of each device."""
+    made: dict[str, Senders] = {}
     for name, device in config.devices.items():
         codec, options = wire_format(device)
-        made[name] = codec.decoder(options)
+        made[name] = Senders(partial(codec.decoder, options))
     return made
 
 

@@ -63,7 +63,7 @@ def send(rows: Stamps, config_file: str, capture: str) -> None:
     say_ready()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         begin = time.monotonic_ns() + 200_000_000 - packets[0][2]
-        for name, data, t_ns in packets:
+        for name, data, t_ns, _ in packets:
             due = begin + t_ns
             wait_until(due)
             now = time.monotonic_ns()

@@ -89,7 +89,7 @@ def _material(source: Source, config: Config) -> tuple["cycle[bytes]", NavReport
     imu, _ = config.imu
     devices, estimator = intakes(config), Estimator(config, 10.0)
     chunks, report = [], None
-    for name, data, t_ns in islice(read_streams([source.capture], links), 4000):
+    for name, data, t_ns, _ in islice(read_streams([source.capture], links), 4000):
         if name == imu:
             chunks.append(data)
         devices[name].feed(data, t_ns)

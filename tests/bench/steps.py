@@ -7,7 +7,7 @@ from itertools import islice
 from statistics import median
 
 from drivers.capture.reader import read_packets
-from drivers.capture.streams import read_streams
+from drivers.capture.streams import Payload, read_streams
 from gateway.config import Config, load, wire_format
 from gateway.engine import Track
 from gateway.estimator import Estimator
@@ -45,7 +45,7 @@ def arrivals(source: Source, config: Config, packets: int) -> list[Measurement]:
     """Measurements of the first packets, one for each frame, as they arrive live."""
     devices = intakes(config)
     found: list[Measurement] = []
-    for name, data, t_ns in _payloads(source, config, packets):
+    for name, data, t_ns, _ in _payloads(source, config, packets):
         devices[name].feed(data, t_ns)
         found += devices[name].flush()
     return found
@@ -63,7 +63,7 @@ def samples(measurements: list[Measurement], per_block: int) -> list[ImuBlock]:
     ]
 
 
-def _payloads(source: Source, config: Config, packets: int) -> list[tuple[str, bytes, int]]:
+def _payloads(source: Source, config: Config, packets: int) -> list[Payload]:
     links = {name: device.link for name, device in config.devices.items()}
     return list(islice(read_streams([source.capture], links), packets))
 
@@ -84,7 +84,7 @@ def _reading(source: Source) -> float:
 
 def _decoding(source: Source, config: Config) -> float:
     imu, device = config.imu
-    frames = [data for name, data, _ in _payloads(source, config, PACKETS) if name == imu]
+    frames = [data for name, data, *_ in _payloads(source, config, PACKETS) if name == imu]
     codec, options = wire_format(device)
 
     def work() -> int:
@@ -96,7 +96,7 @@ def _decoding(source: Source, config: Config) -> float:
 
 def _intake(source: Source, config: Config) -> float:
     imu, _ = config.imu
-    chunks = [(d, t) for name, d, t in _payloads(source, config, PACKETS) if name == imu]
+    chunks = [(d, t) for name, d, t, _ in _payloads(source, config, PACKETS) if name == imu]
 
     def work() -> int:
         device = intakes(config)[imu]

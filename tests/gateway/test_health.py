@@ -6,10 +6,20 @@ from typing import get_args
 
 import pytest
 
+from gateway.commands.status import lines
 from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
 from gateway.filter_process.host import FilterHost, most_kept
-from gateway.health import FIRST_S, FLOWING_S, LOSS_OVER_S, SILENT_S, Health, Line
+from gateway.health import (
+    FIRST_S,
+    FLOWING_S,
+    LOSS_OVER_S,
+    SILENT_S,
+    Health,
+    Line,
+    LinkReport,
+    SenderReport,
+)
 from gateway.ingest import intakes
 from gateway.messages import Stationary
 from gateway.modes import Mode
@@ -64,7 +74,7 @@ def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
 def test_silence_of_an_open_line_is_said_once_and_its_end_too(
     setting: Setting, said: Callable[[], list[str]]
 ) -> None:
-    setting.imu.opened(setting.now)
+    setting.imu.opened(setting.now, "udp 127.0.0.1:7001")
     setting.imu.heard(setting.now)
     setting.later(SILENT_S["imu"])
     assert said() == []
@@ -84,7 +94,7 @@ def test_a_device_may_take_its_time_for_the_first_word(
     setting: Setting, said: Callable[[], list[str]], kind: str
 ) -> None:
     line = setting.imu if kind == "imu" else setting.usbl
-    line.opened(setting.now)
+    line.opened(setting.now, "udp 127.0.0.1:7001")
     patience = max(FIRST_S, SILENT_S[kind])
     setting.later(patience)
     assert said() == []
@@ -95,13 +105,13 @@ def test_a_device_may_take_its_time_for_the_first_word(
 def test_of_a_lost_line_only_the_loss_is_said(
     setting: Setting, said: Callable[[], list[str]]
 ) -> None:
-    setting.imu.opened(setting.now)
+    setting.imu.opened(setting.now, "udp 127.0.0.1:7001")
     setting.imu.heard(setting.now)
     setting.imu.lost()
     setting.later(100.0)
     assert said() == []
     assert setting.health.report().devices["imu0"].silent_s == 100.0
-    setting.imu.opened(setting.now)
+    setting.imu.opened(setting.now, "udp 127.0.0.1:7001")
     setting.later(SILENT_S["imu"] + 0.2)
     assert said() == ["imu0: silent for 1 s"]
 
@@ -166,6 +176,30 @@ def test_the_report_has_what_became_of_the_bytes(setting: Setting) -> None:
     assert device.silent_s is None
     assert report.filter.restarts == 0
     assert setting.health.line() == "invalid; no solution yet"
+
+
+def test_the_report_tells_of_the_line_and_of_those_who_speak_on_it(setting: Setting) -> None:
+    imu = setting.imu
+    assert setting.health.report().devices["imu0"].link == LinkReport(None, False, 0, 0, 0, {})
+    for _ in range(2):
+        imu.opened(setting.now, "udp 127.0.0.1:7001")
+        imu.lost()
+    imu.opened(setting.now, "udp 127.0.0.1:7001")
+    imu.link.bytes, imu.link.chunks = 7, 2
+    imu.intake.feed(b"junk", 0, "10.0.0.7:4001")
+    imu.intake.feed(b"bad", 0, "10.0.0.8:4001")
+    imu.intake.close()
+    report = setting.health.report()
+    senders = {"10.0.0.7:4001": SenderReport(4, 0, 4), "10.0.0.8:4001": SenderReport(3, 0, 3)}
+    told = LinkReport("udp 127.0.0.1:7001", True, 3, 7, 2, senders)
+    assert report.devices["imu0"].link == told
+    shown = [line.split() for line in lines(report)]
+    at = shown.index(["imu0", "udp", "127.0.0.1:7001", "yes", "3", "2", "7", "0", "7"])
+    assert shown[at + 1 : at + 3] == [
+        ["10.0.0.7:4001", "4", "0", "4"],
+        ["10.0.0.8:4001", "3", "0", "3"],
+    ]
+    assert ["usbl0", "-", "no", "0", "0", "0", "0", "0"] in shown
 
 
 def test_a_queue_that_overflows_is_said_once_and_its_end_too(

@@ -39,7 +39,7 @@ def heard(tmp_path_factory):
     ways_in = intakes(config)
     links = {name: device.link for name, device in config.devices.items()}
     blocks, fixes = [], []
-    for name, chunk, t_ns in read_streams([folder / "law.pcap"], links):
+    for name, chunk, t_ns, _ in read_streams([folder / "law.pcap"], links):
         ways_in[name].feed(chunk, t_ns)
         for m in ways_in[name].flush():
             (blocks if isinstance(m, ImuBlock) else fixes).append(m)

@@ -59,9 +59,11 @@ def write(to: Tape, events: list[Event], part: slice = slice(None)) -> None:
 
 
 def test_a_raw_message_is_what_its_schema_says() -> None:
-    message = raw_message(0x0102030405060708, b"abc")
-    assert message == bytes.fromhex("0807060504030201 03000000") + b"abc"
-    assert read_raw(message) == (0x0102030405060708, b"abc")
+    old = bytes.fromhex("0807060504030201 03000000") + b"abc"  # when no sender was told
+    message = raw_message(0x0102030405060708, b"abc", "10.0.0.7:4001")
+    assert message == old + bytes.fromhex("0d000000") + b"10.0.0.7:4001"
+    assert read_raw(message) == (0x0102030405060708, b"abc", "10.0.0.7:4001")
+    assert read_raw(old) == (0x0102030405060708, b"abc", "")
     for cut in (message[:5], message[:-1], message + b"x"):
         with pytest.raises(ValueError, match="a chunk"):
             read_raw(cut)
@@ -70,6 +72,7 @@ def test_a_raw_message_is_what_its_schema_says() -> None:
 def test_everything_comes_back_as_it_was(tmp_path: Path, watch: Watch) -> None:
     line = LineEvent("usbl0", T0_NS, True)
     written: list[Event] = [utc(), line, *(raw(n) for n in range(40)), nav(3), raw(77, 80_000)]
+    written.append(msgspec.structs.replace(raw(78), source="10.0.0.7:4001"))
     writer = tape(watch, tmp_path)
     write(writer, written)
     writer.close()

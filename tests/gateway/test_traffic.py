@@ -7,7 +7,7 @@ import msgspec
 import pytest
 import yaml
 
-from drivers.capture.streams import read_streams
+from drivers.capture.streams import Payload, read_streams
 from gateway import replay
 from gateway.config import Config, load
 from gateway.emulator import twin
@@ -40,9 +40,9 @@ class Voyage:
         self.file.write_text(yaml.safe_dump(twin.gateway_config(scenario)))
         self.config: Config = load(self.file)
         links = {name: device.link for name, device in self.config.devices.items()}
-        self.chunks = [Raw(*payload[:1], payload[2], payload[1]) for payload in self._read(links)]
+        self.chunks = [Raw(p.device, p.t_rx_ns, p.data, p.source) for p in self._read(links)]
 
-    def _read(self, links: dict) -> list[tuple[str, bytes, int]]:
+    def _read(self, links: dict) -> list[Payload]:
         return list(read_streams([self.capture], links))
 
     def record(self, folder: Path, events: list[Event], resume: SavedState | None = None) -> None:
@@ -117,7 +117,7 @@ def run(voyage: Voyage, resume: SavedState | None, chunks: list[Raw]) -> list:
     devices, estimator = intakes(voyage.config), Estimator(voyage.config, 5.0, resume)
     said = []
     for chunk in chunks:
-        devices[chunk.device].feed(chunk.data, chunk.t_rx_ns)
+        devices[chunk.device].feed(chunk.data, chunk.t_rx_ns, chunk.source)
         for measurement in devices[chunk.device].flush():
             said += estimator.feed(measurement)
     return said

@@ -53,7 +53,7 @@ def recorded(
     ways_in = intakes(config)
     links = {name: device.link for name, device in config.devices.items()}
     measurements: list[Measurement] = []
-    for name, chunk, t_ns in read_streams([folder / "frames.pcap"], links):
+    for name, chunk, t_ns, _ in read_streams([folder / "frames.pcap"], links):
         ways_in[name].feed(chunk, t_ns)
         measurements += ways_in[name].flush()
     estimator = Estimator(config, rate_hz)

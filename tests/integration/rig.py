@@ -167,10 +167,7 @@ class Rig:
     async def kill(self) -> None:
         """Kill the gateway itself; what it has started must end by itself."""
         self.process.kill()
-        deadline = time.monotonic() + 5.0
-        while session(self.process.pid):
-            assert time.monotonic() < deadline
-            await asyncio.sleep(0.01)
+        await self._all_gone(5.0)
 
     def forget(self) -> None:
         """Forget all that was heard, before another gateway runs."""
@@ -258,7 +255,14 @@ class Rig:
         took_s = time.monotonic() - begun
         assert ended == code, "\n".join([f"exit code {ended}", *self.log])
         assert took_s < END_S, "\n".join([f"SIGTERM took {took_s:.1f} s", *self.log])
-        assert session(self.process.pid) == []
+        await self._all_gone(END_S - took_s)
+
+    async def _all_gone(self, within_s: float) -> None:
+        """Wait until nothing is left of what the gateway has started."""
+        deadline = time.monotonic() + within_s
+        while left := session(self.process.pid):
+            assert time.monotonic() < deadline, f"still there: {[comm(pid) for pid in left]}"
+            await asyncio.sleep(0.01)
 
     async def _read_log(self) -> None:
         assert self.process.stderr is not None
