@@ -6,9 +6,9 @@ from operator import attrgetter
 
 from gateway.emulator.acoustics import lbl_stream, usbl_stream
 from gateway.emulator.faults.wire import faulty
+from gateway.emulator.imu import imu_stream
 from gateway.emulator.ports import paced
 from gateway.emulator.scenario import DeviceModel, ImuModel, LblModel, Scenario, UsblModel
-from gateway.emulator.sensors import imu_stream
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 
@@ -40,7 +40,7 @@ def stream(
     """Frames of a device in the order they leave it, computed about ``block_s`` at a time."""
     match model:
         case ImuModel():
-            return imu_stream(scenario, name, model, trajectory, block_s)
+            return imu_stream(scenario, name, model, trajectory, start_unix_s, block_s)
         case UsblModel():
             return usbl_stream(scenario, name, model, trajectory, start_unix_s)
         case LblModel():

@@ -1,22 +1,16 @@
-"""The inertial sensor: exact increments of the true motion, its errors, its frames.
+"""The inertial sensor: exact increments of the true motion, and what its errors make of them.
 
 A strapped-down integrating IMU gives, for each interval, the integrals of angular rate and specific
 force in its own rotating axes; they are computed here by Gauss-Legendre quadrature of the analytic
 motion, without any strapdown.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import registry
-from drivers.records import ImuRecord
-from gateway.emulator.faults.clocks import ImuClock
-from gateway.emulator.scenario import ImuModel, Scenario, codec_options
-from gateway.emulator.streams import Emission, generator
+from gateway.emulator.scenario import ImuModel
+from gateway.emulator.streams import generator
 from gateway.emulator.trajectory import Trajectory
-from gateway.nav.attitude import C_from_euler
 
 Array = NDArray[np.float64]
 
@@ -58,7 +52,7 @@ class ImuErrorSource:
         self._dt = 1.0 / model.rate_hz
         self._noise_rng = generator(seed, name, "noise")
         self._drift_rng = generator(seed, name, "drift")
-        noise = model.noise
+        noise = model.sheet.noise
         arw = np.deg2rad(noise.angle_random_walk_deg_sqrt_h) / 60.0
         vrw = noise.velocity_random_walk_ug_sqrt_hz * _UG
         self._white = np.sqrt(self._dt) * np.repeat([arw, vrw], 3)
@@ -87,60 +81,74 @@ class ImuErrorSource:
         return biases
 
 
-def imu_stream(
-    scenario: Scenario, name: str, model: ImuModel, trajectory: Trajectory, block_s: float
-) -> Iterator[Emission]:
-    """Frames of an IMU in the order they leave it, computed ``block_s`` at a time."""
-    dt, errors = 1.0 / model.rate_hz, ImuErrorSource(model, scenario.seed, name)
-    jitter_rng = generator(scenario.seed, name, "jitter")
-    roll, pitch, heading = np.deg2rad(model.mounting_deg)
-    C_bs = C_from_euler(roll, pitch, heading)
-    frames = _Frames(model)
-    clock = ImuClock(scenario, name, registry.lookup(model.codec).counting, model.rate_hz)
-    total = int(scenario.duration_s * model.rate_hz)
-    block = max(1, int(block_s * model.rate_hz))
-    left = 0.0
-    for first in range(0, total, block):
-        k = np.arange(first, min(first + block, total))
-        t_end = np.asarray((k + 1) * dt, dtype=np.float64)
-        sensed = increments(trajectory, t_end, dt).reshape(-1, 2, 3) @ C_bs
-        sensed = sensed.reshape(-1, 6) + errors.next(k.size)
-        delay = 1e-3 * (
-            model.clock.latency_ms + model.jitter_ms * jitter_rng.exponential(size=k.size)
+class ImuSensor:
+    """From exact increments to an IMU's: scale and axes, bias and noise, range, quanta."""
+
+    def __init__(self, model: ImuModel, seed: int, name: str) -> None:
+        self._errors = ImuErrorSource(model, seed, name)
+        self._sensing = sensing_matrices(model, seed, name)
+        dt, sheet, quanta = 1.0 / model.rate_hz, model.sheet, model.errors
+        self._most = np.repeat(
+            [
+                np.deg2rad(sheet.gyro_range_deg_s or np.inf) * dt,
+                (sheet.accel_range_g or np.inf) * STANDARD_GRAVITY * dt,
+            ],
+            3,
         )
-        leaves = np.maximum.accumulate(np.maximum(t_end + delay, left))
-        left = float(leaves[-1])
-        numbers, times = clock.tell(t_end)
-        for number, t, t_out, row in zip(
-            numbers, times, leaves.tolist(), sensed.tolist(), strict=True
-        ):
-            yield Emission(t_out, name, frames.encode(number, t, row))
-
-
-class _Frames:
-    """Samples as bytes in the device's own format."""
-
-    def __init__(self, model: ImuModel) -> None:
-        self._codec = registry.lookup(model.codec)
-        self._options = codec_options(model)
-        self._temperature = model.temperature_c
-        self._rate_hz = model.rate_hz
-
-    def encode(self, number: int, t: float, row: list[float]) -> bytes:
-        """One frame; the record says every form of the sample, the codec's options choose one."""
-        x, y, z, u, v, w = row
-        hz = self._rate_hz
-        record = ImuRecord(
-            t_rx_ns=0,
-            sequence=number,
-            t_device_s=t,
-            delta_angle_rad=(x, y, z),
-            rate_rad_s=(hz * x, hz * y, hz * z),
-            delta_velocity_m_s=(u, v, w),
-            specific_force_m_s2=(hz * u, hz * v, hz * w),
-            temperature_c=self._temperature,
+        self._quantum = np.repeat(
+            [1e-6 * (quanta.angle_quantum_urad or 0), 1e-6 * (quanta.velocity_quantum_um_s or 0)], 3
         )
-        return self._codec.encode(record, self._options)
+        self._sum = np.zeros(6)
+
+    def sense(self, exact: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """What the unit makes of the next exact increments in its nominal axes.
+
+        Parameters
+        ----------
+        exact
+            (n, 6) rad and m/s.
+
+        Returns
+        -------
+        increments
+            (n, 6) rad and m/s.
+        within
+            (n,) whether no axis was beyond its range.
+        """
+        sensed = np.einsum("aij,naj->nai", self._sensing, exact.reshape(-1, 2, 3)).reshape(-1, 6)
+        sensed += self._errors.next(len(exact))
+        within = np.all(np.abs(sensed) <= self._most, axis=1)
+        return self._counted(np.clip(sensed, -self._most, self._most)), within
+
+    def _counted(self, sensed: Array) -> Array:
+        """In whole quanta, the rest of each sample kept for the next."""
+        counts = self._quantum > 0.0
+        if not counts.any():
+            return sensed
+        sums = np.cumsum(np.vstack([self._sum, sensed]), axis=0)
+        self._sum = sums[-1]
+        steps = np.diff(np.rint(sums[:, counts] / self._quantum[counts]), axis=0)
+        sensed[:, counts] = steps * self._quantum[counts]
+        return sensed
+
+
+def sensing_matrices(model: ImuModel, seed: int, name: str) -> Array:
+    """(2, 3, 3): what gyros and accelerometers make of a vector in nominal axes, without bias."""
+    scale = generator(seed, name, "scale").standard_normal((2, 3))
+    axes = generator(seed, name, "misalignment").standard_normal((2, 6))
+    sheet, given = model.sheet, model.errors
+    drawn = (
+        (given.gyro_scale_ppm, sheet.gyro_scale_ppm * scale[0]),
+        (given.accel_scale_ppm, sheet.accel_scale_ppm * scale[1]),
+        (given.gyro_misalignment_urad, sheet.gyro_misalignment_urad * axes[0]),
+        (given.accel_misalignment_urad, sheet.accel_misalignment_urad * axes[1]),
+    )
+    parts = [1e-6 * np.array(other if said is None else said) for said, other in drawn]
+    matrices = np.zeros((2, 3, 3))
+    for matrix, on_axis, across in zip(matrices, parts[:2], parts[2:], strict=True):
+        np.fill_diagonal(matrix, 1.0 + on_axis)
+        matrix[~np.eye(3, dtype=np.bool_)] = across
+    return matrices
 
 
 def _given(model: ImuModel, drawn: Array) -> Array:

@@ -10,9 +10,11 @@ import numpy as np
 from gateway.config.blocks import Config, Device, DeviceKind
 from gateway.config.checks import cross_faults
 from gateway.emulator import acoustics
+from gateway.emulator.imu import imu_faults
 from gateway.emulator.scenario import (
     AnyPort,
     DeviceModel,
+    ImuModel,
     LblModel,
     PtyPort,
     Scenario,
@@ -46,6 +48,9 @@ def load(path: Path) -> Scenario:
     scenario = build(Scenario, read_yaml(path), faults)
     if scenario is None:
         raise ConfigError(faults, path)
+    faults.extend(_missing(scenario))
+    if faults:
+        raise ConfigError(faults, path)
     config = build(Config, gateway_config(scenario), faults)
     if config is not None:
         faults.extend(cross_faults(config))
@@ -66,9 +71,18 @@ def _impossible(scenario: Scenario) -> Iterator[str]:
             yield f"faults[{k}].device: no device is called {fault.device}"
 
 
+def _missing(scenario: Scenario) -> Iterator[str]:
+    """What one of several keys must say."""
+    for name, model in scenario.devices.items():
+        if isinstance(model, ImuModel) and model.noise is None and model.grade is None:
+            yield f"devices.{name}.noise: missing; or name a grade"
+
+
 def _unsayable(scenario: Scenario) -> Iterator[str]:
     """What the devices' formats could never say."""
     for name, model in scenario.devices.items():
+        if isinstance(model, ImuModel):
+            yield from (f"devices.{name}.{fault}" for fault in imu_faults(model))
         if isinstance(model, UsblModel | LblModel):
             yield from acoustics.faults(scenario, name, model)
 
@@ -107,6 +121,8 @@ def for_capture(scenario: Scenario) -> Scenario:
 def _device(model: DeviceModel) -> dict[str, Any]:
     """Every key of the configuration's block that the scenario's block has too."""
     whole = msgspec.to_builtins(model)
+    if isinstance(model, ImuModel):
+        whole["noise"] = msgspec.to_builtins(model.sheet.noise)
     shared = [key for key in _BLOCKS[whole["kind"]].__struct_fields__ if key in whole]
     block = {"kind": whole["kind"], "link": _link(model.port)}
     block |= {key: whole[key] for key in shared}

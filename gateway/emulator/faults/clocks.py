@@ -26,14 +26,33 @@ def ahead(scenario: Scenario, name: str, t: Array) -> Array:
 
 
 class ImuClock:
-    """Number and time that an IMU puts on its samples: from its last start on, with its faults."""
+    """Number and time that an IMU puts on its samples: from its last start on, with its faults.
 
-    def __init__(self, scenario: Scenario, name: str, counting: Counting, rate_hz: float) -> None:
+    Parameters
+    ----------
+    uptime_s
+        How long it has been powered at t = 0.
+    shown_s
+        What its clock shows at t = 0, if something else tells it the time (a receiver's, UTC) and
+        it does not count from its start.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        name: str,
+        counting: Counting,
+        rate_hz: float,
+        *,
+        uptime_s: float = 0.0,
+        shown_s: float | None = None,
+    ) -> None:
         self._scenario, self._name = scenario, name
         self._counting = counting
         self._per_s = rate_hz if counting.sequence_s is None else 1.0 / counting.sequence_s
         self._starts = [0.0]
-        self._first_s = self._first = 0.0
+        self._first_s, self._shown_s = uptime_s, shown_s
+        self._first = 0.0 if counting.sequence_s is None else np.rint(uptime_s * self._per_s)
         for k, fault in enumerate(scenario.faults):
             if fault.device != name:
                 continue
@@ -53,6 +72,8 @@ class ImuClock:
         counted = since if self._counting.sequence_s is None else told
         number = np.rint(counted * self._per_s + self._first * first) - 1.0
         time = np.maximum(told + self._first_s * first, 0.0)
+        if self._shown_s is not None:
+            time = self._shown_s + t + gained
         if self._counting.sequence_modulus is not None:
             number %= self._counting.sequence_modulus
         if self._counting.time_modulus_s is not None:
@@ -66,3 +87,4 @@ class ImuClock:
             self._first = -np.rint(at_s * self._per_s) % modulus
         if turn_s is not None:
             self._first_s = -at_s % turn_s
+            self._shown_s = None if self._shown_s is None else self._first_s

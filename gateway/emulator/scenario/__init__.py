@@ -15,14 +15,17 @@ from gateway.emulator.scenario.acoustic import (
 )
 from gateway.emulator.scenario.block import Probability, SoundSpeed
 from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec_options
-from gateway.emulator.scenario.imu import ImuErrors, ImuModel
+from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
+from gateway.emulator.scenario.imu import ImuErrors, ImuModel, Warming
 from gateway.emulator.scenario.ports import AnyPort, PtyPort, SerialPort, TcpServerPort, UdpPort
 from gateway.emulator.scenario.trajectory import Circle, Lawnmower, Legs, Line, Sway, Track, Wave
 
 __all__ = [
+    "GRADES",
     "AnyPort",
     "Circle",
     "DeviceModel",
+    "Grade",
     "ImuErrors",
     "ImuModel",
     "Initial",
@@ -37,6 +40,7 @@ __all__ = [
     "PtyPort",
     "Scenario",
     "SerialPort",
+    "Sheet",
     "SoundSpeed",
     "Sway",
     "TcpServerPort",
@@ -45,6 +49,7 @@ __all__ = [
     "UdpPort",
     "UsblErrors",
     "UsblModel",
+    "Warming",
     "Wave",
     "codec_options",
 ]
