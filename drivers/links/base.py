@@ -42,7 +42,7 @@ class LinkCounts:
     refused: int = 0
     """Datagrams from senders that the `allow` list does not name."""
     kernel_dropped: int = 0
-    """Datagrams the kernel had no room for."""
+    """Datagrams the kernel had no room for; of a shared port, counted at its first link."""
 
 
 class Link:

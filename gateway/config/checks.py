@@ -134,11 +134,22 @@ class _Claim:
     owner: str
     what: str
     address: str = ""
+    senders: tuple[str, ...] = ()
 
     def clashes(self, other: "_Claim") -> bool:
         anywhere = {"0.0.0.0", "::", ""}
-        meet = self.address == other.address or anywhere & {self.address, other.address}
-        return self.what == other.what and bool(meet)
+        same = self.address == other.address
+        meet = same or anywhere & {self.address, other.address}
+        return self.what == other.what and bool(meet) and not (same and self._is_apart(other))
+
+    def _is_apart(self, other: "_Claim") -> bool:
+        """Whether each names its senders, and none is named by both."""
+        try:
+            ours, theirs = ([ip_network(n, strict=False) for n in c.senders] for c in (self, other))
+        except ValueError:
+            return True  # which is a fault of its own
+        overlap = any(a.version == b.version and a.overlaps(b) for a in ours for b in theirs)
+        return bool(ours and theirs) and not overlap
 
 
 def _claims(config: Config) -> Iterator[_Claim]:
@@ -146,8 +157,10 @@ def _claims(config: Config) -> Iterator[_Claim]:
         match device.link:
             case SerialLink(port=port) if known(port):
                 yield _Claim(f"devices.{name}", f"serial port {port}")
-            case UdpLink(port=port, bind=bind, group=group) if known(port, bind, group):
-                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind)
+            case UdpLink(port=port, bind=bind, group=group, allow=allow) if known(
+                port, bind, group, allow, *(allow if known(allow) else ())
+            ):
+                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind, allow)
     for n, output in enumerate(config.outputs if known(config.outputs) else ()):
         owner = f"outputs[{n}]"
         if isinstance(output, ZenohOutput):
@@ -167,7 +180,8 @@ def _collisions(config: Config) -> Iterator[str]:
     for claim in _claims(config):
         taken = next((other for other in earlier if claim.clashes(other)), None)
         if taken is not None:
-            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}"
+            apart = "; let allow of each name its own senders" if claim.what[:3] == "UDP" else ""
+            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}{apart}"
         earlier.append(claim)
 
 

@@ -95,6 +95,36 @@ async def test_only_allowed_senders_are_heard(
     assert counts.refused == 1
 
 
+def spoken(address: str, data: bytes, port: int) -> None:
+    """Send from an address of loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind((address, 0))
+        sock.sendto(data, ("127.0.0.1", port))
+
+
+async def test_two_links_share_a_port_and_each_hears_its_own_sender() -> None:
+    port, one, two = free_port(), LinkCounts(), LinkCounts()
+    first = UdpLink(port=port, allow=("127.0.0.1",))
+    second = UdpLink(port=port, allow=("127.0.0.2/31",))
+    async with hearing(second, two) as other:
+        async with hearing(first, one) as link:
+            for n in range(1, 6):
+                spoken(f"127.0.0.{n}", bytes([n]), port)
+            assert [chunk.data for chunk in await take(link, 1)] == [b"\1"]
+            assert [chunk.data for chunk in await take(other, 2)] == [b"\2", b"\3"]
+            await drained(two)
+            assert (one.chunks, two.chunks, one.refused, two.refused) == (1, 2, 2, 2)
+        spoken("127.0.0.1", b"nobody's now", port)
+        spoken("127.0.0.3", b"still heard", port)
+        assert [chunk.data for chunk in await take(other, 1)] == [b"still heard"]
+        assert (one.chunks, two.refused) == (1, 3)
+        with pytest.raises(LinkError, match="address already in use"):
+            async with hearing(UdpLink(port=port)):  # all senders: some are others' already
+                pass
+    async with hearing(UdpLink(port=port)):
+        pass
+
+
 async def test_a_multicast_group_is_joined_and_nothing_else_gets_in(sender: socket.socket) -> None:
     port = free_port("0.0.0.0")
     settings = UdpLink(port=port, group="239.192.7.1", bind="127.0.0.1")

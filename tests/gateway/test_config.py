@@ -12,6 +12,7 @@ from drivers import registry
 from drivers.imu.kvh import KvhOptions
 from drivers.settings import SerialLink, UdpLink
 from gateway.config import Beacon, Config, Filter, ImuDevice, UsblDevice, load, wire_format
+from gateway.config.checks import cross_faults
 from gateway.emulator.twin import DEMO, gateway_config
 from gateway.emulator.twin import load as load_scenario
 from gateway.errors import ConfigError
@@ -139,6 +140,16 @@ def faults_of(path: Path) -> list[str]:
     assert caught.value.file == path
     assert caught.value.exit_code == 2
     return caught.value.faults
+
+
+def test_senders_of_their_own_make_of_a_port_two() -> None:
+    data = copy.deepcopy(GOOD)
+    for name, allow in (("imu0", ["10.0.0.7"]), ("usbl0", ["10.0.0.8", "fd00::/8"])):
+        data["devices"][name]["link"] = {"type": "udp", "port": 7001, "allow": allow}
+    assert not list(cross_faults(build(Config, data, [])))
+    data["devices"]["imu0"]["link"]["allow"] = ["10.0.0.0/24"]
+    (fault,) = cross_faults(build(Config, data, []))
+    assert fault.startswith("devices.usbl0: UDP port 7001 is already used by devices.imu0; ")
 
 
 def test_good_file_gives_typed_blocks(tmp_path: Path) -> None:
@@ -291,12 +302,14 @@ def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str
         (
             "devices.usbl0.link",
             {"type": "udp", "port": 7001},
-            "devices.usbl0: UDP port 7001 is already used by devices.imu0",
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0"
+            "; let allow of each name its own senders",
         ),
         (
             "devices.usbl0.link",
             {"type": "udp", "port": 7001, "bind": "0.0.0.0"},
-            "devices.usbl0: UDP port 7001 is already used by devices.imu0",
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0"
+            "; let allow of each name its own senders",
         ),
         (
             "devices.imu0.link",
