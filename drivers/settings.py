@@ -68,6 +68,12 @@ class TcpLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
     dead_after_s: Annotated[int, Meta(ge=4, le=3600)] = 10
 
 
+class PtyLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="pty"):
+    """A pseudo terminal of this machine, found under ``symlink`` (outputs only)."""
+
+    symlink: Annotated[str, Meta(min_length=1)]
+
+
 class StdioLink(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="stdout"
 ):
@@ -75,4 +81,4 @@ class StdioLink(
 
 
 Link = SerialLink | UdpLink | TcpLink
-OutputLink = SerialLink | UdpLink | TcpLink | StdioLink
+OutputLink = SerialLink | UdpLink | TcpLink | PtyLink | StdioLink

@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from collections.abc import Iterator
 
-from drivers.settings import OutputLink, SerialLink, StdioLink, TcpLink, UdpLink
+from drivers.settings import OutputLink, PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config import Config, NmeaOutput, load
 from gateway.config.lines import advice
 from gateway.errors import ConfigError
@@ -57,6 +57,8 @@ def _place(link: OutputLink, *, incoming: bool) -> str:
             return f"UDP {link.group or link.bind if incoming else link.host}:{link.port}"
         case TcpLink():
             return f"TCP {link.host if incoming else link.bind}:{link.port}"
+        case PtyLink():
+            return f"the pty {link.symlink}"
         case StdioLink():
             return "standard output"
 

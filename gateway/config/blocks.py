@@ -278,11 +278,16 @@ class Initial(_Block, frozen=True, kw_only=True):
     align: Align | None = None
 
 
-Sentence = Literal["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]
+Sentence = Literal[
+    "GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA",
+    "GST", "GBS", "GSA", "DPT", "DBT", "DBS", "PUNAV",
+]  # fmt: skip
+DEPTH_SENTENCES: tuple[Sentence, ...] = ("DPT", "DBT", "DBS")
+"""They tell the vehicle's own depth below the surface."""
 
 
 class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
-    """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a serial line or stdout."""
+    """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a line, a pty or stdout."""
 
     link: OutputLink
     sentences: Annotated[tuple[Sentence, ...], Meta(min_length=1)] = (
@@ -291,10 +296,13 @@ class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
         "HDT",
         "VTG",
         "GST",
+        "GBS",
         "ZDA",
     )
     rate_hz: Annotated[float, Meta(gt=0, le=100)] = 1.0
     talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
+    surface_height_m: float | None = None
+    """Of the water's surface above the ellipsoid (geoid and tide), for sentences with a depth."""
 
 
 class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):

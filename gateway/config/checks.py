@@ -11,14 +11,16 @@ from ipaddress import ip_address, ip_network
 from itertools import combinations
 
 from drivers import registry
-from drivers.settings import SerialLink, StdioLink, TcpLink, UdpLink
+from drivers.settings import PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import (
+    DEPTH_SENTENCES,
     Config,
     Device,
     GnssDevice,
     ImuDevice,
     ImuNoise,
     LblDevice,
+    NmeaOutput,
     Triple,
     UsblDevice,
     ZenohOutput,
@@ -171,6 +173,8 @@ def _claims(config: Config) -> Iterator[_Claim]:
                     yield _Claim(owner, f"serial port {port}")
                 case TcpLink(port=port, bind=bind) if known(port, bind):
                     yield _Claim(owner, f"TCP port {port}", bind)
+                case PtyLink(symlink=symlink) if known(symlink):
+                    yield _Claim(owner, f"the pty {symlink}")
                 case StdioLink():
                     yield _Claim(owner, "standard output")
 
@@ -252,6 +256,19 @@ def _zenoh(config: Config) -> Iterator[str]:
             yield f"outputs[{n}].connect: missing; a client needs its router's endpoint"
 
 
+def _depths(config: Config) -> Iterator[str]:
+    """A depth to be sent needs to know where the surface is."""
+    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+        if not isinstance(output, NmeaOutput) or not known(output.sentences):
+            continue
+        asked = [name for name in output.sentences if name in DEPTH_SENTENCES]
+        if asked and output.surface_height_m is None:
+            yield (
+                f"outputs[{n}].surface_height_m: missing; {asked[0]} needs the height of the"
+                " water's surface above the ellipsoid"
+            )
+
+
 def _clock_sources(config: Config) -> Iterator[str]:
     """A device's time that says nothing, or less than the arrival of what tells it."""
     for name, device in _readable(config).items():
@@ -327,6 +344,7 @@ _CHECKS = (
     _addresses,
     line_faults,
     _zenoh,
+    _depths,
     _pulses,
     _array,
     _recording,

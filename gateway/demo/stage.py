@@ -62,7 +62,7 @@ class Stage:
 
     def _outputs(self) -> list[dict[str, Any]]:
         """Sentences for the viewer and for a chart plotter, and a Zenoh session."""
-        sentences = ["GGA", "RMC", "HDT", "VTG", "GST", "ZDA", "PUNAV"]
+        sentences = ["GGA", "RMC", "HDT", "VTG", "GST", "GBS", "ZDA", "PUNAV"]
         nmea = [
             {"type": "nmea", "link": {"type": "udp", "port": port}, "sentences": sentences}
             for port in (self.nmea_port, PLOTTER_PORT)

@@ -6,16 +6,15 @@ what nobody took.
 
 import errno
 import os
-import select
 import socket
 import termios
 import tty
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Protocol
 
+from drivers.links.pty import Pty
 from gateway.emulator.scenario import AnyPort, PtyPort, SerialPort, TcpServerPort, UdpPort
 from gateway.emulator.streams import Emission
 from gateway.errors import UsblnavError
@@ -190,45 +189,14 @@ class _Pty:
 
     def __init__(self, port: PtyPort) -> None:
         self.dropped_bytes = 0
-        self._link = Path(port.symlink)
-        self._near, far = os.openpty()
-        os.set_blocking(self._near, False)
-        name = os.ttyname(far)
-        tty.setraw(far)
-        os.close(far)
-        try:
-            self._point_link_at(name)
-        except OSError:
-            os.close(self._near)
-            raise
-        self._target = name
-        self.where = f"{describe(port)} -> {name}"
-        self._poll = select.poll()
-        self._poll.register(self._near, 0)
-
-    def _point_link_at(self, target: str) -> None:
-        if self._link.exists() and not self._link.is_symlink():
-            raise FileExistsError(errno.EEXIST, "exists and is no symlink")
-        self._link.parent.mkdir(parents=True, exist_ok=True)
-        fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
-        fresh.unlink(missing_ok=True)
-        fresh.symlink_to(target)
-        fresh.replace(self._link)
+        self._pty = Pty(port.symlink)
+        self.where = f"{describe(port)} -> {self._pty.target}"
 
     def send(self, data: bytes) -> None:
-        # Without this look a later reader would find old bytes waiting, as on no real line.
-        nobody = any(event & select.POLLHUP for _, event in self._poll.poll(0))
-        sent = 0
-        if not nobody:
-            with suppress(OSError):
-                sent = os.write(self._near, data)
-        self.dropped_bytes += len(data) - sent
+        self.dropped_bytes += len(data) - self._pty.put(data)
 
     def close(self) -> None:
-        os.close(self._near)
-        with suppress(OSError):
-            if self._link.readlink() == Path(self._target):
-                self._link.unlink()
+        self._pty.close()
 
 
 class _Serial:

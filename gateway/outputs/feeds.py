@@ -135,8 +135,8 @@ class _NmeaFeed:
         return max(self._heard + max(STALE_S, 2.0 * period_s), self._blanked + period_s)
 
     def _send(self, report: NavReport | None, utc_ns: int) -> None:
-        settings = self._settings
-        self._sink.send(nmea.epoch(report, utc_ns, settings.sentences, settings.talker))
+        s = self._settings
+        self._sink.send(nmea.epoch(report, utc_ns, s.sentences, s.talker, s.surface_height_m))
 
 
 class _Publisher(Protocol):

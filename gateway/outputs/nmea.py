@@ -11,6 +11,10 @@ HDT       heading, T
 THS       heading, mode
 ZDA       UTC, day, month, year, 00, 00
 GST       UTC, , major (m), minor (m), orientation, sigma lat, lon, height (m)
+GBS       UTC, sigma lat, lon, height (m), , , ,
+GSA       A, 3 or 1, twelve times nothing, , ,
+DPT       depth (m), 0.0
+DBT, DBS  depth (feet), f, depth (m), M, depth (fathoms), F
 PUNAV     UTC, state, roll, pitch, heading, depth, sigma horizontal, depth (m), roll, pitch, heading
 ========  ======================================================================================
 
@@ -28,6 +32,8 @@ from gateway.modes import Mode
 from gateway.outputs.schema import NavReport
 
 KNOT_M_S = 1852 / 3600
+FOOT_M = 0.3048
+FATHOM_M = 6 * FOOT_M
 COURSE_MIN_M_S = 0.1
 """Below this speed (or below its own sigma) a course over ground means nothing: field empty."""
 
@@ -51,8 +57,8 @@ _NOTHING = Claim("0", "V", "N")
 _CLAIMS = {
     Mode.AIDED: Claim("1", "A", "A"),
     Mode.DEAD_RECKONING: Claim("6", "A", "E"),
-    Mode.ALIGNING: Claim("6", "A", "E"),
 }
+"""Of the modes with a position. Before the first fix it is only what the user has told."""
 _STATES = {
     Mode.AIDED: "A",
     Mode.DEAD_RECKONING: "D",
@@ -71,10 +77,15 @@ class _Epoch:
     claim: Claim
     state: str
     nav: NavReport | None
+    surface_height_m: float | None
 
 
 def epoch(
-    report: NavReport | None, utc_ns: int, sentences: Sequence[str], talker: str = "GP"
+    report: NavReport | None,
+    utc_ns: int,
+    sentences: Sequence[str],
+    talker: str = "GP",
+    surface_height_m: float | None = None,
 ) -> bytes:
     """Write the sentences of one epoch.
 
@@ -89,8 +100,10 @@ def epoch(
         Names as in the configuration, sent in this order.
     talker
         Two letters in front of each standard sentence.
+    surface_height_m
+        Of the water's surface above the ellipsoid; without it there is no depth to send.
     """
-    data = _prepare(report, utc_ns)
+    data = _prepare(report, utc_ns, surface_height_m)
     parts = []
     for name in sentences:
         fields = _WRITERS[name](data)
@@ -99,7 +112,7 @@ def epoch(
     return b"".join(parts)
 
 
-def _prepare(report: NavReport | None, utc_ns: int) -> _Epoch:
+def _prepare(report: NavReport | None, utc_ns: int, surface_height_m: float | None) -> _Epoch:
     state = _STATES[report.mode] if report else "N"
     claim, nav = _NOTHING, None
     if report is not None:
@@ -108,7 +121,8 @@ def _prepare(report: NavReport | None, utc_ns: int) -> _Epoch:
             claim, nav = _CLAIMS[report.mode], report
     seconds, hundredths = divmod((utc_ns + 5_000_000) // 10_000_000, 100)
     date = datetime.fromtimestamp(seconds, UTC)
-    return _Epoch(f"{date:%H%M%S}.{hundredths:02d}", date, claim, state, nav)
+    time = f"{date:%H%M%S}.{hundredths:02d}"
+    return _Epoch(time, date, claim, state, nav, surface_height_m)
 
 
 def _gga(e: _Epoch) -> list[str]:
@@ -158,6 +172,36 @@ def _gst(e: _Epoch) -> list[str]:
     return [e.time, "", *axes, orientation, *map(_sigma, sigmas)]
 
 
+def _gbs(e: _Epoch) -> list[str]:
+    nav = e.nav
+    sigmas = ["", "", ""] if nav is None else map(_sigma, (nav.sd_n_m, nav.sd_e_m, nav.sd_d_m))
+    return [e.time, *sigmas, *[""] * 4]
+
+
+def _gsa(e: _Epoch) -> list[str]:
+    return ["A", "1" if e.nav is None else "3", *[""] * 15]
+
+
+def _dpt(e: _Epoch) -> list[str] | None:
+    depth = _depth_m(e)
+    return None if depth is None else [_number(depth, 2), "0.0"]
+
+
+def _dbt(e: _Epoch) -> list[str] | None:
+    depth = _depth_m(e)
+    if depth is None:
+        return None
+    feet, fathoms = _number(depth / FOOT_M, 1), _number(depth / FATHOM_M, 1)
+    return [feet, "f", _number(depth, 2), "M", fathoms, "F"]
+
+
+def _depth_m(e: _Epoch) -> float | None:
+    """Depth of the vehicle; on a wave's crest, above the mean surface, it is 0."""
+    if e.nav is None or e.surface_height_m is None:
+        return None
+    return max(e.surface_height_m - e.nav.height_m, 0.0)
+
+
 def _punav(e: _Epoch) -> list[str]:
     nav = e.nav
     if nav is None:
@@ -177,6 +221,11 @@ _WRITERS: dict[str, Callable[[_Epoch], list[str] | None]] = {
     "THS": _ths,
     "ZDA": _zda,
     "GST": _gst,
+    "GBS": _gbs,
+    "GSA": _gsa,
+    "DPT": _dpt,
+    "DBT": _dbt,
+    "DBS": _dbt,
     "PUNAV": _punav,
 }
 

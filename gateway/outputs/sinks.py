@@ -1,4 +1,4 @@
-"""Where bytes leave: UDP, TCP clients, a serial line or stdout, none of which may hold up the rest.
+"""Where bytes leave: UDP, TCP, serial lines, ptys, stdout; none of them may hold up the rest.
 
 Every sink takes its data in `Sink.send`, which returns at once and never raises. What could not be
 handed on is counted in its status; that a line is down, or back, is logged once.
@@ -19,8 +19,9 @@ from typing import Any, Protocol
 import msgspec
 
 from drivers.links.base import LinkError, reason
+from drivers.links.pty import PtyWriter
 from drivers.links.serial import SerialWriter, open_serial_writer
-from drivers.settings import OutputLink, SerialLink, TcpLink, UdpLink
+from drivers.settings import OutputLink, PtyLink, SerialLink, TcpLink, UdpLink
 from gateway.outputs.background import in_thread
 
 log = logging.getLogger(__name__)
@@ -290,6 +291,32 @@ class _SerialSink(_Sink):
             self._writer = None
 
 
+class _PtySink(_Sink):
+    """A pseudo terminal: with nobody at its far end data go nowhere, as on a TCP port."""
+
+    def __init__(self, settings: PtyLink) -> None:
+        super().__init__("pty", settings.symlink)
+        self._symlink = settings.symlink
+        self._writer: PtyWriter | None = None
+
+    async def open(self) -> None:
+        self._writer = PtyWriter(self._symlink)
+
+    def write(self, data: bytes) -> None:
+        assert self._writer is not None
+        if not self._writer.write(data):
+            raise BlockingIOError
+
+    def close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def status(self) -> SinkStatus:
+        clients = int(self._writer is not None and self._writer.has_reader)
+        return msgspec.structs.replace(super().status(), clients=clients)
+
+
 class _StdoutSink(_Sink):
     """Standard output as a pipe, file or terminal, left in blocking mode: others share it.
 
@@ -337,5 +364,7 @@ def _make(settings: OutputLink) -> _Sink:
             return _TcpSink(settings)
         case SerialLink():
             return _SerialSink(settings)
+        case PtyLink():
+            return _PtySink(settings)
         case _:
             return _StdoutSink()

@@ -54,6 +54,7 @@ GOOD: dict[str, Any] = {
 }
 
 NMEA_TCP = {"type": "nmea", "link": {"type": "tcp", "port": 10110}}
+NMEA_PTY = {"type": "nmea", "link": {"type": "pty", "symlink": "/run/nmea"}}
 NMEA_STDOUT = {"type": "nmea", "link": {"type": "stdout"}}
 ZENOH = {"type": "zenoh"}
 
@@ -107,7 +108,8 @@ initial.attitude_deg[2]: expected a number, got "north"
 initial.sigma.position_m[2]: expected a number >= 0, got -1
 filter.couplign: unknown key; did you mean coupling?
 outputs[1].link.port: expected an integer from 1 to 65535, got 0
-outputs[1].sentences[1]: expected one of GGA, GLL, GST, HDT, PUNAV, RMC, THS, VTG, ZDA, got "GSV"
+outputs[1].sentences[1]: expected one of DBS, DBT, DPT, GBS, GGA, GLL, GSA, GST, HDT, \
+PUNAV, RMC, THS, VTG, ZDA, got "GSV"
 devices.imu0.codec: no codec is called "kvh1751"; did you mean kvh1750?
 beacons: missing; devices.usbl0 needs at least one
 """.splitlines()
@@ -239,6 +241,13 @@ ONE_FAULT: list[tuple[str, Any, str, str]] = [
     ("outputs", [{"type": "nmea"}], "[0].link", "missing"),
     ("outputs", "nmea", "", 'expected a list, got "nmea"'),
     ("outputs", [NMEA_TCP, NMEA_TCP], "[1]", "TCP port 10110 is already used by outputs[0]"),
+    ("outputs", [NMEA_PTY, NMEA_PTY], "[1]", "the pty /run/nmea is already used by outputs[0]"),
+    (
+        "outputs",
+        [ZENOH, NMEA_PTY | {"sentences": ["GGA", "DBT"]}],
+        "[1].surface_height_m",
+        "missing; DBT needs the height of the water's surface above the ellipsoid",
+    ),
     ("outputs", [ZENOH, ZENOH], "[1]", "the Zenoh session is already used by outputs[0]"),
     (
         "outputs",

@@ -14,9 +14,12 @@ from gateway.outputs import nmea
 from gateway.outputs.schema import NavReport, nav_report
 from tests.gateway.solutions import solution
 
-ALL = ("GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV")
+DEPTHS = ("DPT", "DBT", "DBS")
+ALL = ("GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "GBS", "GSA", *DEPTHS, "PUNAV")
+SURFACE_M = 10.0
+"""Height of the surface above the ellipsoid."""
 NOON_NS = 1_700_049_600_000_000_000  # 2023-11-15 12:00:00 UTC
-USABLE = (Mode.AIDED, Mode.DEAD_RECKONING, Mode.ALIGNING)
+USABLE = (Mode.AIDED, Mode.DEAD_RECKONING)
 
 
 def report(**changes: object) -> NavReport:
@@ -25,7 +28,7 @@ def report(**changes: object) -> NavReport:
 
 def write(nav: NavReport | None, *sentences: str, utc_ns: int = NOON_NS) -> dict[str, list[str]]:
     """Fields of each sentence of an epoch by name, as they stand on the line."""
-    lines = nmea.epoch(nav, utc_ns, sentences or ALL).decode().split("\r\n")[:-1]
+    lines = nmea.epoch(nav, utc_ns, sentences or ALL, "GP", SURFACE_M).decode().split("\r\n")[:-1]
     bodies = [line[1 : line.index("*")].split(",") for line in lines]
     return {body[0].removeprefix("GP"): body[1:] for body in bodies}
 
@@ -82,6 +85,9 @@ def test_an_independent_parser_reads_back_the_solution(nav: NavReport) -> None:
         assert got["VTG"].cogt == got["RMC"].cog
     assert circle_close(got["HDT"].headingT, nav.heading_deg, 0.0051)
     assert circle_close(got["THS"].headt, nav.heading_deg, 0.0051)
+    assert got["GSA"].navMode == 3
+    for name, said in (("errLat", nav.sd_n_m), ("errLon", nav.sd_e_m), ("errAlt", nav.sd_d_m)):
+        assert getattr(got["GBS"], name) == pytest.approx(said, rel=1e-3, abs=0.00051)
 
 
 @settings(max_examples=200, deadline=None)
@@ -101,7 +107,7 @@ def test_the_time_is_right_to_the_hundredth_with_its_date(nav: NavReport) -> Non
 @settings(max_examples=300, deadline=None)
 @given(reports(tuple(Mode)))
 def test_every_sentence_fits_and_ends_as_it_must(nav: NavReport) -> None:
-    for line in nmea.epoch(nav, 0, ALL).split(b"\r\n")[:-1]:
+    for line in nmea.epoch(nav, 0, ALL, "GP", SURFACE_M).split(b"\r\n")[:-1]:
         check = 0
         for byte in line[1:-3]:
             check ^= byte
@@ -121,23 +127,27 @@ def test_an_aided_solution_says_so() -> None:
     assert got["THS"] == ["350.00", "A"]
     assert got["ZDA"] == ["120000.00", "15", "11", "2023", "00", "00"]
     assert got["GST"] == ["120000.00", "", "0.431", "0.253", "62.5", "0.300", "0.400", "0.500"]
+    assert got["GBS"] == ["120000.00", "0.300", "0.400", "0.500", "", "", "", ""]
+    assert got["GSA"] == ["A", "3", *[""] * 15]
+    assert got["DPT"] == ["60.25", "0.0"]
+    assert got["DBT"] == got["DBS"] == ["197.7", "f", "60.25", "M", "32.9", "F"]
     sigmas = ["0.500", "0.500", "0.100", "0.200", "0.300"]
     assert got["PUNAV"] == ["120000.00", "A", "-1.50", "2.50", "350.00", "50.25", *sigmas]
 
 
-@pytest.mark.parametrize(("mode", "state"), [(Mode.DEAD_RECKONING, "D"), (Mode.ALIGNING, "I")])
-def test_without_fixes_the_solution_is_estimated(mode: Mode, state: str) -> None:
-    got = write(report(mode=mode))
+def test_without_fixes_the_solution_is_estimated() -> None:
+    got = write(report(mode=Mode.DEAD_RECKONING))
     assert got["GGA"][5] == "6"
     assert (got["RMC"][1], got["RMC"][-1]) == ("A", "E")
     assert got["GLL"][-2:] == ["A", "E"]
     assert got["VTG"][-1] == got["THS"][-1] == "E"
-    assert got["PUNAV"][1] == state
+    assert got["PUNAV"][1] == "D"
 
 
 @pytest.mark.parametrize(
     ("nav", "state"),
     [
+        (report(mode=Mode.ALIGNING), "I"),
         (None, "N"),
         (report(mode=Mode.INVALID), "N"),
         (report(mode=Mode.FAULT), "F"),
@@ -154,7 +164,9 @@ def test_without_a_solution_there_is_nothing_to_plot(nav: NavReport | None, stat
     assert got["GST"] == ["120000.00", *[""] * 7]
     assert got["ZDA"] == ["120000.00", "15", "11", "2023", "00", "00"]
     assert got["PUNAV"] == ["120000.00", state, *[""] * 9]
-    assert "HDT" not in got
+    assert got["GBS"] == ["120000.00", *[""] * 7]
+    assert got["GSA"] == ["A", "1", *[""] * 15]
+    assert not {"HDT", *DEPTHS} & got.keys()
 
 
 def test_rounding_carries_from_minutes_into_degrees() -> None:
@@ -191,6 +203,12 @@ def test_a_standstill_has_no_course() -> None:
 def test_small_negative_numbers_have_no_negative_zero() -> None:
     got = write(report(height_m=-0.001, roll_deg=-0.001))
     assert got["GGA"][8] == got["PUNAV"][2] == got["PUNAV"][5] == "0.00"
+
+
+def test_a_depth_is_known_where_the_surface_is_and_never_negative() -> None:
+    assert nmea.epoch(report(), 0, DEPTHS) == b""
+    got = write(report(height_m=SURFACE_M + 0.4))
+    assert (got["DPT"][0], got["DBT"][2], got["DBS"][2]) == ("0.00", "0.00", "0.00")
 
 
 def test_the_order_and_the_talker_are_the_users() -> None:

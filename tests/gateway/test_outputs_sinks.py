@@ -6,14 +6,16 @@ import pty
 import socket
 import subprocess
 import sys
+import termios
 import tty
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from drivers.settings import SerialLink, TcpLink, UdpLink
+from drivers.settings import PtyLink, SerialLink, TcpLink, UdpLink
 from gateway.outputs.sinks import CLIENT_BUFFER_BYTES, MAX_CLIENTS, Sink, open_sink
 
 LINE = b"$GPZDA,120000.00,15,11,2023,00,00*64\r\n"
@@ -291,6 +293,76 @@ async def test_a_serial_line_that_is_too_slow_drops_whole_payloads() -> None:
     assert status.sent + status.dropped == 5000
     os.close(instrument)
     os.close(device)
+
+
+@contextmanager
+def reading(port: Path) -> Iterator[int]:
+    """A program that has a serial line open."""
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        yield fd
+    finally:
+        os.close(fd)
+
+
+async def test_a_pty_gives_each_reader_what_is_said_while_it_reads(tmp_path: Path) -> None:
+    port = tmp_path / "run" / "nmea"
+    async with open_sink(PtyLink(symlink=str(port))) as sink:
+        sink.send(LINE)
+        assert (sink.status().clients, sink.status().dropped) == (0, 0)
+        for n in range(2):
+            with reading(port) as fd:
+                sink.send(LINE)
+                os.write(fd, b"?probe")
+                sink.send(LINE * (n + 2))
+                expected = LINE * (n + 3)
+                data = b""
+                while len(data) < len(expected):
+                    data += os.read(fd, 4096)
+                assert data == expected
+                assert sink.status().clients == 1
+                sink.send(EPOCH)
+                termios.tcsetattr(fd, termios.TCSANOW, cooked(fd))  # as a terminal program may
+            sink.send(EPOCH)
+        assert (sink.status().sent, sink.status().dropped) == (9, 0)
+    assert not port.is_symlink()
+
+
+def cooked(fd: int) -> list[Any]:
+    """Settings that echo, wait for lines and change their ends."""
+    mode = termios.tcgetattr(fd)
+    mode[0] |= termios.ICRNL
+    mode[1] |= termios.OPOST | termios.ONLCR
+    mode[3] |= termios.ICANON | termios.ECHO
+    return mode
+
+
+async def test_a_pty_that_is_not_read_drops_whole_payloads(tmp_path: Path) -> None:
+    async with open_sink(PtyLink(symlink=str(tmp_path / "nmea"))) as sink:
+        with reading(tmp_path / "nmea") as fd:
+            for n in range(20_000):
+                sink.send(b"%06d\n" % n)
+            status = sink.status()
+            assert 0 < status.sent < 20_000
+            assert status.sent + status.dropped == 20_000
+            said = [*range(status.sent), 20_000]
+            data = b""
+            while not data.endswith(b"020000\n"):
+                data += os.read(fd, 65536)
+                sink.send(b"020000\n")
+    assert list(dict.fromkeys(map(int, data.split()))) == said
+
+
+async def test_a_file_under_the_name_of_a_pty_is_left_alone(tmp_path: Path) -> None:
+    port = tmp_path / "nmea"
+    port.write_bytes(b"mine")
+    async with open_sink(PtyLink(symlink=str(port))) as sink:
+        assert sink.status().error == "file exists"
+        assert port.read_bytes() == b"mine"
+        port.unlink()
+        port.symlink_to("/dev/pts/left-behind")
+        await until(lambda: sink.status().up)
+        assert port.is_char_device()
 
 
 STDOUT = """

@@ -94,7 +94,8 @@ async def test_an_absent_array_comes_goes_and_comes_back(tmp_path: Path) -> None
     with Cable(adapter) as cable:
         rig = Rig(tmp_path, cables={"usbl0": cable})
         async with rig.gateway(), rig.emulator():
-            await rig.until("inertial only", lambda: rig.is_now(6, "A", "E"))
+            await rig.until("inertial data", lambda: rig.said("aligning (was invalid)"))
+            await rig.until("no claim before a fix", lambda: rig.is_now(0, "V", "N"))
             (absent,) = rig.said("usbl0: ")
             assert absent.endswith("usbl0: no such file or directory; trying until it is back")
             adapter.plug()
