@@ -41,9 +41,9 @@ class Fixes:
 
     ``t_tx``, ``t_rx`` (n,) s: ping (one way: the beacon's) and reply at the array. ``beacon`` (n,)
     names. ``bearing``, ``elevation`` (n,) rad in array axes, ``slant_range`` (n,) m. ``arrival``
-    (n, elements) s: how much later than ``t_rx`` each element heard it. ``range_rate`` (n,) m/s at
-    the array's origin, or the mean of ``element_rates`` (n, elements). ``outlier`` (n,) bool.
-    ``unanswered``: pings without a reply, s, and to whom.
+    (n, elements) s: how much later than ``t_rx`` each element heard it. ``range_rate`` (n,) m/s:
+    the one it makes of all elements; ``element_rates`` (n, elements) those of each. ``outlier``
+    (n,) bool. ``unanswered``: pings without a reply, s, and to whom.
     """
 
     t_tx: Array
@@ -102,7 +102,6 @@ def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Traject
     astray = -direction(bearing, elevation) @ array.places_u.T / array.ear.sound_speed
     arrival = np.where(noise.outlier[:, None], astray, arrival) + noise.arrival
     rates = np.stack([ear.range_rate(t_rx, b_e) for ear in array.elements], axis=-1)
-    rates += noise.range_rate
     return Fixes(
         t_tx=t_ping[heard],
         t_rx=t_rx[heard],
@@ -111,8 +110,8 @@ def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Traject
         elevation=elevation[heard],
         slant_range=slant_range[heard],
         arrival=arrival[heard],
-        range_rate=rates[heard].mean(axis=-1),
-        element_rates=rates[heard],
+        range_rate=(rates.mean(axis=-1) + noise.range_rate)[heard],
+        element_rates=(rates + noise.element_rates)[heard],
         outlier=noise.outlier[heard],
         unanswered=[(float(t_ping[k]), moored.names[which[k]]) for k in np.flatnonzero(~heard)],
     )
@@ -156,6 +155,7 @@ class _Noise:
     slant_range: Array
     arrival: Array
     range_rate: Array
+    element_rates: Array
     outlier: Mask
     heard: Mask
 
@@ -173,13 +173,15 @@ def _draw_noise(scenario: Scenario, name: str, model: UsblModel, n: int) -> _Noi
     longer = model.outliers.extra_range_m * rng("longer").standard_exponential(n)
     aside = np.deg2rad(model.outliers.angle_deg) * rng("aside").standard_normal((n, 2))
     arrival = rng("arrival").standard_normal((n, elements))
-    rate = rng("rate").standard_normal((n, elements))
+    rate = model.noise.range_rate_m_s * rng("rate").standard_normal(n)
+    rates = model.noise.range_rate_m_s * rng("element rates").standard_normal((n, elements))
     return _Noise(
         bearing=np.deg2rad(model.noise.bearing_deg) * white[:, 0] + outlier * aside[:, 0],
         elevation=np.deg2rad(model.noise.elevation_deg) * white[:, 1] + outlier * aside[:, 1],
         slant_range=model.noise.range_m * white[:, 2] + outlier * longer,
         arrival=1e-6 * model.element_noise_us * arrival,
-        range_rate=model.noise.range_rate_m_s * rate,
+        range_rate=rate,
+        element_rates=rates,
         outlier=outlier,
         heard=heard,
     )

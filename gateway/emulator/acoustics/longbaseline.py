@@ -122,6 +122,7 @@ def lbl_records(
     late = latencies(scenario.seed, name, model, replies.t_ping.size, error_s)
     wait_s = timeout_s(model, scenario.sound_speed_m_s)
     said: list[Timed] = []
+    told_s = shown(scenario, name, model.time, replies.t_ping, start_unix_s)
     for n, t_ping in enumerate(replies.t_ping.tolist()):
         heard = np.flatnonzero(replies.heard[n])
         ranges = tuple(
@@ -133,8 +134,7 @@ def lbl_records(
         else:
             complete = len(heard) == len(replies.names)
             t_told = replies.t_rx[n].max() if complete else t_ping + wait_s
-            t_shown = shown(model.time, t_ping, start_unix_s)
-            told = LblRecord(t_rx_ns=0, replies=ranges, t_ping_s=t_shown)
+            told = LblRecord(t_rx_ns=0, replies=ranges, t_ping_s=told_s[n])
             said.append((t_told + late[n], told))
         for m in heard:
             if replies.names[m] == model.rate_of:

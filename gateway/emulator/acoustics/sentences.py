@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from drivers import registry
 from drivers.records import Record, TimeDifference, UsblRecord
@@ -17,6 +18,7 @@ from gateway.emulator.scenario import LblModel, Message, Scenario, UsblModel, co
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 
+Array = NDArray[np.float64]
 Timed = tuple[float, UsblRecord]
 """When its first byte leaves (s), and what it says."""
 
@@ -44,23 +46,33 @@ def records(
     """What the array says until the scenario ends, by the time at which it leaves (s)."""
     fixes = measure(scenario, name, model, trajectory)
     seen = sightings(scenario, name, model, trajectory, fixes)
-    heard = Heard(model, scenario.sound_speed_m_s, start_unix_s, fixes, seen)
+
+    def clock(t: Array) -> list[float]:
+        return shown(scenario, name, model.time, t, start_unix_s)
+
+    heard = Heard(model, scenario.sound_speed_m_s, fixes, seen, clock(fixes.t_rx))
     error_s = acoustic_errors(scenario, name, model).latency
     late = latencies(scenario.seed, name, model, len(fixes.beacon), error_s)
-    said: list[Timed] = []
+    said = list(_about_replies(model, fixes, heard, late))
+    if model.no_reply is not None:
+        wait_s = timeout_s(model, scenario.sound_speed_m_s) + 1e-3 * model.clock.latency_ms
+        told_s = clock(np.array([t for t, _ in fixes.unanswered]))
+        for (t, beacon), t_told_s in zip(fixes.unanswered, told_s, strict=True):
+            said.append((t + wait_s, heard.nothing(beacon, t_told_s)))
+    in_time = (timed for timed in said if timed[0] <= scenario.duration_s)
+    return sorted(in_time, key=itemgetter(0))
+
+
+def _about_replies(model: UsblModel, fixes: Fixes, heard: "Heard", late: Array) -> Iterator[Timed]:
+    """All messages; where there is no fix, only the rate."""
     for k, t_rx in enumerate(fixes.t_rx.tolist()):
+        t_out = t_rx + float(late[k])
         lost = any(begin <= t_rx < end for begin, end in model.no_fix_s)
         for message in model.says:
             if message == "rate":
-                said.append((t_rx + late[k], heard.say(message, k)))
+                yield t_out, heard.say(message, k)
             elif not lost:
-                said.append((t_rx + late[k] + 1e-3 * model.age_ms, heard.say(message, k)))
-    if model.no_reply is not None:
-        wait_s = timeout_s(model, scenario.sound_speed_m_s) + 1e-3 * model.clock.latency_ms
-        said += [(t + wait_s, heard.nothing(t, beacon)) for t, beacon in fixes.unanswered]
-    return sorted(
-        ((float(t), record) for t, record in said if t <= scenario.duration_s), key=itemgetter(0)
-    )
+                yield t_out + 1e-3 * model.age_ms, heard.say(message, k)
 
 
 def sentence_writer(model: UsblModel | LblModel) -> Callable[[Record], bytes]:
@@ -81,15 +93,15 @@ class Heard:
         self,
         model: UsblModel,
         sound_speed: float,
-        start_unix_s: float,
         fixes: Fixes,
         seen: Sightings,
+        t_told_s: list[float],
     ) -> None:
         self._model = model
         self._sound_speed = sound_speed
-        self._start = start_unix_s
         self._fixes = fixes
         self._seen = seen
+        self._t_told_s = t_told_s
 
     def say(self, message: Message, k: int) -> UsblRecord:
         """One message about the ``k``-th reply."""
@@ -97,7 +109,7 @@ class Heard:
         told = UsblRecord(
             t_rx_ns=0,
             beacon=self._fixes.beacon[k],
-            t_device_s=shown(self._model.time, float(self._fixes.t_rx[k]), self._start),
+            t_device_s=self._t_told_s[k],
             axes=_axes(self._model),
             age_s=age_s if age_s and message != "rate" else UNSET,
         )
@@ -112,12 +124,12 @@ class Heard:
             case "rate":
                 return replace(told, range_rate_m_s=float(self._fixes.range_rate[k]))
 
-    def nothing(self, t_ping: float, beacon: str) -> UsblRecord:
-        """That a beacon did not answer."""
+    def nothing(self, beacon: str, t_told_s: float) -> UsblRecord:
+        """That a beacon did not answer, and when it was asked."""
         return UsblRecord(
             t_rx_ns=0,
             beacon=beacon,
-            t_device_s=shown(self._model.time, t_ping, self._start),
+            t_device_s=t_told_s,
             valid=False,
             error_code=self._model.no_reply,
             axes=_axes(self._model),

@@ -83,12 +83,12 @@ def _sightings(scenario: Scenario, model: UsblModel) -> Samples:
     xyz = _SLANT_M * np.outer(one, [np.cos(_DEPRESSION), 0.0, np.sin(_DEPRESSION)])
     place = np.outer(one, [0.5, 1.0, 70.0]) if model.axes == "earth" else None
     seen = Sightings(fixes.bearing, fixes.elevation, xyz, place)
-    heard = Heard(model, scenario.sound_speed_m_s, 0.0, fixes, seen)
+    heard = Heard(model, scenario.sound_speed_m_s, fixes, seen, [0.0] * n)
     for k, beacon in enumerate(names):
         for message in model.says:
             yield beacon, heard.say(message, k)
         if model.no_reply is not None:
-            yield beacon, heard.nothing(0.0, beacon)
+            yield beacon, heard.nothing(beacon, 0.0)
 
 
 def _replies(scenario: Scenario, model: LblModel) -> Samples:
@@ -119,7 +119,8 @@ def _of_sighting(model: UsblModel, said: UsblRecord, read: UsblRecord) -> str | 
     if not said.valid:
         told = read.error_code
         return None if told == said.error_code else f"no_reply: {codec} says {told}"
-    axes = "earth" if read.lat_deg is not UNSET else read.axes
+    placed = read.lat_deg is not UNSET and read.bearing_deg is None
+    axes = "earth" if placed else read.axes
     if axes != model.axes and said.range_rate_m_s is None:
         return f"axes: {codec} with these options says {axes}"
     if said.age_s is not UNSET and read.age_s is UNSET:

@@ -3,17 +3,22 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.emulator.scenario import LblModel, ToldTime, UsblModel
+from gateway.emulator.faults.clocks import ahead
+from gateway.emulator.scenario import LblModel, Scenario, ToldTime, UsblModel
 from gateway.emulator.streams import generator
 
 Array = NDArray[np.float64]
 
 
-def shown(clock: ToldTime, t: float, start_unix_s: float) -> float:
-    """What the clock shows at ``t`` (s after the scenario's start), s."""
+def shown(
+    scenario: Scenario, name: str, clock: ToldTime, t: Array, start_unix_s: float
+) -> list[float]:
+    """What a device's clock shows at times (n,) s after the scenario's start, faults and all."""
     begun_s = start_unix_s if clock.since == "unix" else 0.0
-    told_s = begun_s + clock.offset_s + t * (1.0 + 1e-6 * clock.drift_ppm)
-    return told_s if clock.wraps_s is None else told_s % clock.wraps_s
+    gained = clock.offset_s + 1e-6 * clock.drift_ppm * t + ahead(scenario, name, t)
+    told = begun_s + t + gained
+    whole: list[float] = (told if clock.wraps_s is None else told % clock.wraps_s).tolist()
+    return whole
 
 
 def latencies(seed: int, name: str, model: UsblModel | LblModel, n: int, error_s: float) -> Array:

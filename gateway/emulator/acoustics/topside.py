@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gateway.emulator.acoustics.array import Fixes, direction
 from gateway.emulator.scenario import Scenario, UsblModel
@@ -36,12 +37,12 @@ def sightings(
     xyz_u = fixes.slant_range[:, None] * direction(fixes.bearing, fixes.elevation)
     if model.axes == "array":
         return Sightings(fixes.bearing, fixes.elevation, xyz_u)
-    truth = trajectory.geodetic(fixes.t_rx)
-    roll, pitch, heading = _own_attitude(scenario.seed, name, model, truth)
-    xyz_b = xyz_u @ C_from_euler(*np.deg2rad(model.mounting_deg)).T
+    C_bu = C_from_euler(*np.deg2rad(model.mounting_deg))
+    C_nu = _own_attitude(scenario.seed, name, model, trajectory.geodetic(fixes.t_rx)) @ C_bu
+    xyz = np.einsum("nij,nj->ni", C_nu, xyz_u)
     if model.axes == "level":
-        heading = np.zeros_like(heading)
-    xyz = np.einsum("nij,nj->ni", C_from_euler(roll, pitch, heading), xyz_b)
+        heading = np.arctan2(C_nu[:, 1, 0], C_nu[:, 0, 0])
+        xyz = np.einsum("nji,nj->ni", C_from_euler(0.0, 0.0, heading), xyz)
     x, y, z = np.moveaxis(xyz, -1, 0)
     polar = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
     if model.axes == "earth":
@@ -50,13 +51,12 @@ def sightings(
 
 
 def _own_attitude(seed: int, name: str, model: UsblModel, truth: Geodetic) -> Array:
-    """Roll, pitch and heading as the instrument has them, (3, n) rad."""
-    true = np.stack([truth.roll, truth.pitch, truth.heading])
-    white = generator(seed, name, "own attitude").standard_normal((true.shape[1], 3)).T
-    error = np.array(model.attitude.offset_deg)[:, None] + white * np.array(
-        [[sigma] for sigma in model.attitude.noise_deg]
-    )
-    told: Array = true + np.deg2rad(error)
+    """``C_nb`` as the instrument's motion sensor has it, (n, 3, 3)."""
+    own = model.attitude
+    sigma = np.array([own.tilt_deg, own.tilt_deg, own.heading_deg])
+    white = generator(seed, name, "own attitude").standard_normal((truth.roll.size, 3))
+    turn_n = Rotation.from_rotvec(np.deg2rad(np.array(own.offset_deg) + sigma * white))
+    told: Array = turn_n.as_matrix() @ C_from_euler(truth.roll, truth.pitch, truth.heading)
     return told
 
 

@@ -23,8 +23,8 @@ Message = Literal["fix", "angles", "differences", "rate"]
 """What an array says of one reply: all it knows, or a part of it."""
 Element = Annotated[int, Meta(ge=1)]
 Axes = Literal["array", "level", "north", "earth"]
-"""What a fix is said in: the array's axes; those of the vehicle, levelled; north, east, down; or
-as a place on the Earth."""
+"""What a fix is said in: the array's axes; the same with its tilt taken out; north, east,
+down; or as a place on the Earth."""
 
 
 class ToldTime(Block, frozen=True):
@@ -49,9 +49,13 @@ class Outliers(Block, frozen=True):
 
 
 class OwnAttitude(Block, frozen=True):
-    """Errors of the roll, pitch and heading by which the instrument turns its fixes."""
+    """Errors of the motion sensor by which the instrument turns its fixes.
 
-    noise_deg: SigmaTriple = (0.0, 0.0, 0.0)
+    White ones of each tilt and of the heading; ``offset_deg``, constant, about north, east, down.
+    """
+
+    tilt_deg: NonNegative = 0.0
+    heading_deg: NonNegative = 0.0
     offset_deg: Triple = (0.0, 0.0, 0.0)
 
 
