@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import UNSET
 
 from drivers import registry
-from drivers.records import LblRecord, LblReply, Record, Rejected, UsblRecord
+from drivers.records import LblRecord, LblReply, Record, UsblRecord
 from gateway.emulator.acoustics.array import Fixes
 from gateway.emulator.acoustics.sentences import Heard, pairs, sentence_writer
 from gateway.emulator.acoustics.topside import Sightings
@@ -25,18 +25,25 @@ def faults(scenario: Scenario, name: str, model: UsblModel | LblModel) -> Iterat
     if wrong is not None:
         yield f"{path}.{wrong}"
         return
-    for beacon, record in _samples(scenario, model):
-        try:
-            said = sentence_writer(model)(record)
-        except ValueError as error:
-            yield f"{path}.codec: beacon {beacon}: {error}"
-            continue
-        codec = registry.lookup(model.codec)
-        decoder = codec.decoder(codec_options(model))
-        read = [*decoder.feed(said, 0), *decoder.close()]
-        wrong = _difference(model, record, read[0])
-        if wrong is not None:
-            yield f"{path}.{wrong}"
+    found = (_fault(model, beacon, record) for beacon, record in _samples(scenario, model))
+    yield from dict.fromkeys(f"{path}.{fault}" for fault in found if fault is not None)
+
+
+def _fault(model: UsblModel | LblModel, beacon: str, record: Record) -> str | None:
+    """Why one message cannot be said, or is read otherwise than it was meant."""
+    try:
+        said = sentence_writer(model)(record)
+    except ValueError as error:
+        return f"codec: beacon {beacon}: {error}"
+    decoder = registry.lookup(model.codec).decoder(codec_options(model))
+    read = [*decoder.feed(said, 0), *decoder.close()][0]
+    if isinstance(model, UsblModel) and isinstance(record, UsblRecord):
+        if isinstance(read, UsblRecord):
+            return _of_sighting(model, record, read)
+    elif isinstance(record, LblRecord) and isinstance(read, LblRecord):
+        meant, heard = ([reply.beacon for reply in each.replies] for each in (record, read))
+        return None if heard == meant else f"codec: {model.codec} calls {meant} {heard}"
+    return f"options: what {model.codec} says of beacon {beacon} is read as {type(read).__name__}"
 
 
 def _structure(scenario: Scenario, model: UsblModel | LblModel) -> str | None:
@@ -99,17 +106,6 @@ def _replies(scenario: Scenario, model: LblModel) -> Samples:
     if model.rate_of is not None:
         rate = LblReply(beacon=model.rate_of, range_rate_m_s=1.0)
         yield model.rate_of, LblRecord(t_rx_ns=0, replies=(rate,))
-
-
-def _difference(model: UsblModel | LblModel, said: Record, read: Record | Rejected) -> str | None:
-    """In what a message is read otherwise than it was meant."""
-    if isinstance(model, UsblModel) and isinstance(said, UsblRecord):
-        if isinstance(read, UsblRecord):
-            return _of_sighting(model, said, read)
-    elif isinstance(said, LblRecord) and isinstance(read, LblRecord):
-        meant, heard = ([reply.beacon for reply in record.replies] for record in (said, read))
-        return None if heard == meant else f"codec: {model.codec} calls {meant} {heard}"
-    return f"options: with these {model.codec} gives {type(read).__name__} for what is said"
 
 
 def _of_sighting(model: UsblModel, said: UsblRecord, read: UsblRecord) -> str | None:
