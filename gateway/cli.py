@@ -286,7 +286,7 @@ def _add_decode(commands: Any) -> None:
         "decode",
         "raw bytes to JSON lines, for looking at a cable before trusting it",
         "One object a record, what could not be decoded included; the totals go to standard error. "
-        "t_rx_ns is the host's monotonic time for a pipe or device, and 0 for a file.",
+        "t_rx_ns is the host's monotonic time for a line, pipe or device, and 0 for a file.",
     )
     parser.add_argument("--codec", required=True, metavar="NAME", help="see `usblnav codecs`")
     parser.add_argument(
@@ -301,7 +301,18 @@ def _add_decode(commands: Any) -> None:
     parser.add_argument(
         "--hex", action="store_true", help="the input is hexadecimal text; white space is ignored"
     )
-    parser.add_argument("file", metavar="FILE", help="file or device to read; - for standard input")
+    parser.add_argument(
+        "file", metavar="FILE", nargs="?", help="file or device to read; - for standard input"
+    )
+    parser.add_argument(
+        "--link",
+        metavar="LINK",
+        help="listen to a line until Ctrl-C: serial:/dev/ttyUSB0:9600, udp:7001, udp:ADDRESS:PORT, "
+        "tcp:HOST:PORT, or '{type: serial, ...}' as in the configuration",
+    )
+    parser.add_argument(
+        "--raw", type=Path, metavar="FILE", help="also keep the bytes of the line in a new file"
+    )
 
 
 def _add_calibrate(commands: Any) -> None:

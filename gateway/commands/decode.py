@@ -6,38 +6,95 @@ import sys
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from io import FileIO
+from pathlib import Path
 
 from msgspec import Struct, inspect
 
 from drivers import registry
 from drivers.codec import Codec
+from drivers.links.base import Chunk, reason
 from drivers.records import Record, Rejected, to_json
+from drivers.senders import SenderCounts, Senders
+from drivers.settings import UdpLink
 from gateway.errors import ConfigError, UsblnavError
+from gateway.linktext import read_link
 from gateway.schema import build
+from gateway.tap import listen
 from gateway.yamlfile import read_value
 
 CHUNK = 65536
 
 
 def run(arguments: Namespace) -> int:
-    """Decode the file to its end; the totals go to standard error."""
+    """Decode the file to its end, or a line until told to stop; the totals go to standard error."""
     try:
         codec = registry.lookup(arguments.codec)
     except (registry.UnknownCodecError, registry.CodecImportError) as error:
         raise ConfigError(f"--codec: {error}") from error
-    decoder = codec.decoder(_options(codec, arguments.options))
-    totals: Counter[str] = Counter()
+    options = _options(codec, arguments.options)
+    printer = _Printer(Senders(partial(codec.decoder, options)))
+    if arguments.link is not None:
+        return _line(arguments, printer)
+    if arguments.file is None or arguments.raw is not None:
+        raise ConfigError("--raw: only with --link" if arguments.raw else "FILE or --link: missing")
     try:
         for data, t_rx_ns in _arrivals(arguments.file, as_hex=arguments.hex):
-            _print(decoder.feed(data, t_rx_ns), totals)
+            printer.take(data, t_rx_ns)
     except KeyboardInterrupt:
         return 130
     finally:
-        _print(decoder.close(), totals)
-        sys.stderr.write(_summary(totals) + "\n")
+        printer.close()
     return 0
+
+
+def _line(arguments: Namespace, printer: "_Printer") -> int:
+    """Listen to a line."""
+    if arguments.file is not None or arguments.hex:
+        raise ConfigError("--link: not together with FILE or --hex")
+    settings = read_link(arguments.link, "--link")
+    told = isinstance(settings, UdpLink)  # of others there is one sender
+    with ExitStack() as stack:
+        keep = None if arguments.raw is None else stack.enter_context(_kept(arguments.raw))
+
+        def take(chunk: Chunk) -> None:
+            if keep is not None:
+                keep(chunk.data)
+            printer.take(chunk.data, chunk.t_rx_ns, chunk.source if told else "")
+
+        try:
+            counts = listen(settings, take, _say)
+        finally:
+            printer.close()
+    lost = f", {counts.kernel_dropped} datagrams lost in between" if counts.kernel_dropped else ""
+    refused = f", {counts.refused} datagrams refused" if counts.refused else ""
+    _say(f"{counts.bytes} bytes in {counts.chunks} chunks{lost}{refused}")
+    for name, sender in printer.senders.items() if told else ():
+        rejected = f"{sender.rejected_bytes} rejected"
+        _say(f"{name}: {sender.bytes} bytes, of which {rejected}; {sender.records} records")
+    return 0
+
+
+@contextmanager
+def _kept(path: Path) -> Iterator[Callable[[bytes], object]]:
+    """Write bytes to a new file as they come."""
+    try:
+        with path.open("xb", buffering=0) as file:
+
+            def write(data: bytes) -> None:
+                try:
+                    file.write(data)
+                except OSError as error:
+                    raise UsblnavError(f"{path}: {reason(error)}") from error
+
+            yield write
+    except FileExistsError as error:
+        raise ConfigError(f"--raw: {path}: is there already") from error
+    except OSError as error:
+        raise ConfigError(f"--raw: {path}: {reason(error)}") from error
 
 
 def _options(codec: Codec, pairs: list[str]) -> Struct:
@@ -94,13 +151,40 @@ def _from_hex(chunks: Iterable[bytes], name: str) -> Iterator[bytes]:
         raise UsblnavError(f"{name}: ends in half a byte")
 
 
-def _print(records: Iterable[Record | Rejected], totals: Counter[str]) -> None:
-    for record in records:
-        kind = str(record.__struct_config__.tag)
-        totals[f"rejected ({record.reason})" if isinstance(record, Rejected) else kind] += 1
-        sys.stdout.buffer.write(to_json(record) + b"\n")
-    sys.stdout.buffer.flush()
+class _Printer:
+    """Records as JSON lines, and what they amount to."""
+
+    def __init__(self, senders: Senders) -> None:
+        self._senders = senders
+        self._totals: Counter[str] = Counter()
+
+    @property
+    def senders(self) -> dict[str, SenderCounts]:
+        """What became of the bytes of each."""
+        others = self._senders.others
+        return self._senders.counts | ({"others": others} if others.bytes else {})
+
+    def take(self, data: bytes, t_rx_ns: int, source: str = "") -> None:
+        """Print what a chunk completes; of one of several senders, with who it was."""
+        self._print(self._senders.feed(data, t_rx_ns, source), source)
+
+    def close(self) -> None:
+        """Print what waits, and the totals to standard error."""
+        self._print(self._senders.close(), "")
+        totals = (f"{n} {kind}" for kind, n in sorted(self._totals.items()))
+        _say(", ".join(totals) or "no records")
+
+    def _print(self, records: Iterable[Record | Rejected], source: str) -> None:
+        of = f',"source":"{source}"}}'.encode() if source else b"}"
+        for record in records:
+            kind = str(record.__struct_config__.tag)
+            if isinstance(record, Rejected):
+                kind = f"rejected ({record.reason})"
+            self._totals[kind] += 1
+            sys.stdout.buffer.write(to_json(record)[:-1] + of + b"\n")
+        sys.stdout.buffer.flush()
 
 
-def _summary(totals: Counter[str]) -> str:
-    return ", ".join(f"{n} {kind}" for kind, n in sorted(totals.items())) or "no records"
+def _say(line: str) -> None:
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()

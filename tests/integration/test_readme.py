@@ -21,6 +21,7 @@ INSTALL = {
     "venv/bin/usblnav --version",
 }
 UNTIL_STOPPED = {
+    "usblnav decode --codec kvh1750 --link udp:7001": "listening on udp 0.0.0.0:7001",
     "usblnav run -c config.yaml": "ready: imu0, usbl0",
     "usblnav run -c config.yaml --nmea -": "ready: imu0, usbl0",
     "usblnav emulate": "start: ",
