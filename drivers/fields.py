@@ -66,7 +66,7 @@ def unix_day(year: int, month: int, day: int) -> int:
     """Unix time (s) at which a day of the calendar begins; raises `UnreadableError`."""
     try:
         return (date(year, month, day).toordinal() - _UNIX_EPOCH) * 86_400
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise UnreadableError("range", f"{year}-{month}-{day} is no date") from error
 
 

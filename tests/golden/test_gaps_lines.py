@@ -80,10 +80,10 @@ def test_a_beacon_is_written_as_it_is_read(axes: str) -> None:
         codec.encode(UsblRecord(t_rx_ns=0, beacon="7", xyz_m=(1.0, 2.0, 3.0)), options)
 
 
-def dated(frame: str, day: str) -> bytes:
+def dated(frame: str, day: str, year: str = "2018") -> bytes:
     """In February."""
     seen = ("2", "1", "1", "F", "1", "1", "9999")
-    return sentence("PTSAY", [frame, "120000", day, "02", "2018", *seen])
+    return sentence("PTSAY", [frame, "120000", day, "02", year, *seen], 120)
 
 
 @pytest.mark.parametrize(
@@ -94,18 +94,9 @@ def dated(frame: str, day: str) -> bytes:
         (ptsa("PTSAX", "2", "30", "F", "55", "1", "9999"), "syntax"),
         (ptsa("PTSAX", "200", "30", "40", "F", "55", "1", "9999"), "range"),
         (ptsa("PTSAG", "2", "9100.0", "N", "00000.0", "E", "F", "1", "1", "9999"), "range"),
-        (
-            sentence(
-                "PTSAY", ["#1", "120000", "31", "02", "2018", "2", "1", "1", "F", "1", "1", "9999"]
-            ),
-            "range",
-        ),
-        (
-            sentence(
-                "PTSAY", ["1", "120000", "01", "02", "2018", "2", "1", "1", "F", "1", "1", "9999"]
-            ),
-            "syntax",
-        ),
+        (dated("#1", "31"), "range"),
+        (dated("#1", "01", "2018" * 9), "range"),
+        (dated("1", "01"), "syntax"),
     ],
 )
 def test_what_is_rejected(line: bytes, reason: str) -> None:

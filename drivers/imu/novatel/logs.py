@@ -58,8 +58,8 @@ _LOGS: dict[int, tuple[str, Struct]] = {
 }
 _IDENTIFIERS = {name: identifier for identifier, (name, _) in _LOGS.items()}
 _ASCII = {f"{name}A": (name, message) for name, message in _LOGS.values()}
-_HEX = {_RAW: (2,), _RAW_X: (0, 4)}
-"""Which ASCII fields of a message are hexadecimal."""
+_BASES = {_RAW: {2: 16}, _RAW_X: {0: 16, 1: 10, 4: 16}}
+"""Which ASCII fields of a message are integers, and in which base."""
 
 
 class NovatelOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -155,10 +155,8 @@ class _Reader:
             return other(name, log, t_rx_ns, line_bytes)
         message = kind[1]
         try:
-            values = [
-                _number(text, at in _HEX.get(message, ()))
-                for at, text in enumerate(body.split(","))
-            ]
+            bases = _BASES.get(message, {})
+            values = [_number(text, bases.get(at)) for at, text in enumerate(body.split(","))]
             if message is _COUNTED:
                 seconds = head[5] if log[:1] == b"#" else head[1]
                 values = [0, float(seconds), *values[1:7]]
@@ -236,8 +234,8 @@ def _count(value: float, lsb: float) -> int:
     return max(-(1 << 31), min(round(value / lsb), (1 << 31) - 1))
 
 
-def _number(text: str, is_hex: bool) -> float:
-    return int(text, 16) if is_hex else float(text)
+def _number(text: str, base: int | None) -> float:
+    return int(text, base) if base else float(text)
 
 
 def _ascii_header(name: str, seconds: float) -> str:
