@@ -30,6 +30,7 @@ CODECS: dict[str, str] = {
     "pazm3": "drivers.usbl.zima:PAZM3",
     "usrth": "drivers.usbl.cerulean:USRTH",
     "seatrac": "drivers.usbl.seatrac:SEATRAC",
+    "micronnav": "drivers.usbl.micronnav:MICRONNAV",
     "micromodem": "drivers.lbl.micromodem:MICROMODEM",
     "nmea-gnss": "drivers.gnss.nmea:NMEA_GNSS",
     "phins": "drivers.heading.phins:PHINS",

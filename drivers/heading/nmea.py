@@ -103,7 +103,7 @@ def _prdid(fields: Fields, options: HeadingOptions, heard: Heard) -> HeadingReco
 
 def _pashr(fields: Fields, _options: HeadingOptions, heard: Heard) -> Record:
     """Ashtech's own sentences begin with a word (``$PASHR,POS``) and are none of attitude."""
-    if fields[0].isalpha():
+    if fields and fields[0].isalpha():
         return NmeaSentence(**heard, talker="P", formatter="ASHR", fields=fields)
     expect(fields, 11, 10)
     expect_units(fields, {2: "T"})

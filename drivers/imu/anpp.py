@@ -120,7 +120,7 @@ class _Reader:
         ax, ay, az, gx, gy, gz, _, _, _, temperature, _, _ = _RAW.unpack_from(packet, HEADER)
         t_s, self._t_s = self._t_s, None
         gyro, accel = (gx, gy, gz), (ax, ay, az)
-        if not (plausible(gyro, accel) and -300 < temperature < 300):
+        if not plausible(gyro, accel, temperature):
             return out_of_range(packet, t_rx_ns, line_bytes)
         record = ImuRecord(
             t_rx_ns=t_rx_ns,

@@ -141,10 +141,11 @@ def _sample(
     turned, moved = gyro or angle, accel or velocity
     if not (turned or moved):
         return other("sensor data without inertial", packet, t_rx_ns, line_bytes)
-    if not plausible(turned or _ZERO, moved or _ZERO):
+    warm_at = places.get(TEMPERATURE)
+    warm = None if warm_at is None else _VECTOR.unpack_from(packet, warm_at)[2]
+    if not plausible(turned or _ZERO, moved or _ZERO, warm):
         return out_of_range(packet, t_rx_ns, line_bytes)
-    step, warm = places.get(REFERENCE_STEP), places.get(TEMPERATURE)
-    over = places.get(OVERRANGE)
+    step, over = places.get(REFERENCE_STEP), places.get(OVERRANGE)
     record = ImuRecord(
         t_rx_ns=t_rx_ns,
         line_bytes=line_bytes,
@@ -155,7 +156,7 @@ def _sample(
         specific_force_m_s2=accel,
         delta_velocity_m_s=velocity,
         interval_s=int.from_bytes(packet[step : step + 8], "big") * 1e-9 if step else UNSET,
-        temperature_c=_VECTOR.unpack_from(packet, warm)[2] if warm else None,
+        temperature_c=warm,
     )
     return (record,)
 

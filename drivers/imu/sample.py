@@ -23,14 +23,18 @@ the bound holds for them too (rad). Beyond it stands a wrong unit, or no number 
 FORCE_MAX = 2000.0
 """The same for specific force (m/s^2) and velocity increments (m/s)."""
 
+TEMPERATURE_MAX = 300.0
+"""And for temperature (degC), either way."""
 
-def plausible(gyro: Vec3, accel: Vec3) -> bool:
+
+def plausible(gyro: Vec3, accel: Vec3, temperature_c: float | None = None) -> bool:
     """Whether a sample in SI units can be one; NaN and infinity are not."""
     x, y, z = gyro
     u, v, w = accel
     return (
         x * x + y * y + z * z <= RATE_MAX * RATE_MAX
         and u * u + v * v + w * w <= FORCE_MAX * FORCE_MAX
+        and (temperature_c is None or -TEMPERATURE_MAX <= temperature_c <= TEMPERATURE_MAX)
     )
 
 

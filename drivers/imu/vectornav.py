@@ -24,7 +24,7 @@ from struct import Struct
 from typing import NamedTuple
 
 import msgspec
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from drivers.checksums import crc16_xmodem
 from drivers.codec import Codec, Decoder
@@ -43,6 +43,8 @@ from drivers.records import ImuRecord, OtherFrame, Record, Rejected
 
 SYNC = b"\xfa"
 SATURATED = 0x1F8
+LONGEST_S = 100.0
+"""Beyond any interval between two packets (s)."""
 
 _GNSS = (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28)
 _LENGTHS: dict[int, tuple[int, ...]] = {
@@ -203,7 +205,7 @@ _ZERO = (0.0, 0.0, 0.0)
 def _sample(packet: bytes, plan: Plan, t_rx_ns: int, line_bytes: int) -> tuple[Record | Rejected]:
     values = plan.unpack.unpack(packet)
     gyro = accel = _ZERO
-    interval_s = UNSET
+    interval_s: float | UnsetType = UNSET
     if plan.angle is not None:
         interval_s, x, y, z = values[plan.angle - 1 : plan.angle + 3]
         gyro = x * DEG, y * DEG, z * DEG
@@ -212,7 +214,9 @@ def _sample(packet: bytes, plan: Plan, t_rx_ns: int, line_bytes: int) -> tuple[R
     at = plan.velocity if plan.force is None else plan.force
     if at is not None:
         accel = values[at : at + 3]
-    if not plausible(gyro, accel):
+    warm = None if plan.temperature is None else values[plan.temperature]
+    is_timed = interval_s is UNSET or 0 <= interval_s <= LONGEST_S
+    if not (is_timed and plausible(gyro, accel, warm)):
         return out_of_range(packet, t_rx_ns, line_bytes)
     has_gyro = plan.rate is not None or plan.angle is not None
     spoiled = plan.saturation is not None and values[plan.saturation] & SATURATED
@@ -227,7 +231,7 @@ def _sample(packet: bytes, plan: Plan, t_rx_ns: int, line_bytes: int) -> tuple[R
         delta_velocity_m_s=UNSET if plan.velocity is None else accel,
         interval_s=interval_s,
         since_pulse_s=UNSET if plan.pulse is None else values[plan.pulse] * 1e-9,
-        temperature_c=None if plan.temperature is None else values[plan.temperature],
+        temperature_c=warm,
     )
     return (record,)
 

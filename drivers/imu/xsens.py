@@ -17,7 +17,7 @@ E020   status u32: bits 8-10 accelerometers, 11-13 gyros x y z clipped
 ====== =====================================================================================
 """
 
-from math import atan2, cos, hypot, isfinite, sin
+from math import atan2, cos, hypot, sin
 from struct import Struct
 
 import msgspec
@@ -189,8 +189,7 @@ def _sample(
         x, y, z = _numbers(message, items[moving], 3)
         accel = x, y, z
     warm = _numbers(message, items[TEMPERATURE], 1)[0] if TEMPERATURE in items else None
-    is_real = warm is None or isfinite(warm)
-    if not (is_real and plausible(gyro or _ZERO, accel or _ZERO)):
+    if not plausible(gyro or _ZERO, accel or _ZERO, warm):
         return out_of_range(message, t_rx_ns, line_bytes)
     counter, ticks = _integer(message, items, COUNTER), _integer(message, items, TIME)
     status = _integer(message, items, STATUS)

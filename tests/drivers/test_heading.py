@@ -89,6 +89,7 @@ def test_a_compass_that_has_none_yet(line):
         (sentence("HEHDT", ["361", "T"]), "range"),
         (sentence("HEHDT", ["1", "M"]), "syntax"),
         (sentence("HEHDT", ["1"]), "syntax"),
+        (sentence("PASHR", []), "syntax"),
         (sentence("GPTHS", ["1", "X"]), "syntax"),
         (sentence("HCHDG", ["1", "2", "", "", ""]), "syntax"),
         (sentence("PRDID", ["1", "2", "x"]), "syntax"),

@@ -85,6 +85,21 @@ def test_numbers_that_are_none_are_out_of_range(codec: Codec, value: float, fiel
     assert record.reason == "range"
 
 
+@pytest.mark.parametrize("codec", [VECTORNAV, XSENS_MTDATA2, MIP, ANPP], ids=named)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -400.0])
+def test_a_temperature_that_is_none(codec: Codec, value: float) -> None:
+    options = {"prefer": "rates"} if codec in INCREMENTS else {}
+    bad = msgspec.structs.replace(SAMPLE, temperature_c=value)
+    (record,) = read(codec, write(codec, bad, **options))
+    assert (type(record), record.reason) == (Rejected, "range")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -0.01])
+def test_an_interval_that_is_none(value: float) -> None:
+    (record,) = read(VECTORNAV, write(VECTORNAV, msgspec.structs.replace(SAMPLE, interval_s=value)))
+    assert (type(record), record.reason) == (Rejected, "range")
+
+
 @pytest.mark.parametrize("codec", RATES, ids=named)
 def test_encode_refuses_what_the_format_cannot_say(codec: Codec) -> None:
     with pytest.raises(ValueError, match="does not carry"):

@@ -68,6 +68,12 @@ USBL: dict[str, list[bytes]] = {
         b"$USRTH,358.5,1.5,2.8,,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16*68\r\n",
     ],
     "seatrac": _seatrac(),
+    "micronnav": [
+        b"%D0033082031,0,-18686,+4764,+4100,0.8,30,15315632\r\n",
+        b"%D0049082001000-0000018686+0000004764+0000004100+0.80000E+0003015315632\r\n",
+        b"%D0030082031,3,+500,-4764,+100,2.5,14,15315782\r\n",
+        b"%D003E082030,0,+503868.427,6025011.669,+4102,0.8,30,15315632\r\n",
+    ],
 }
 USBL_STRONG = frozenset({"psimssb", "gaps", "psonlld", "usrth"})
 """Of these, the codecs whose check finds every single flipped bit."""

@@ -41,8 +41,8 @@ class Hunt:
 def main() -> int:
     """Hunt, print a line for each codec; 1 if anything was found."""
     parser = ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("codec", help="a codec, or all")
-    parser.add_argument("--minutes", type=float, default=10.0, help="for each codec")
+    parser.add_argument("codec", choices=["all", *registry.CODECS], metavar="CODEC|all")
+    parser.add_argument("--minutes", type=float, default=10.0, help="for each; 0 tries the seeds")
     parser.add_argument("--keep", action="store_true", help="write the minimised corpus")
     arguments = parser.parse_args()
     chosen = sorted(registry.CODECS) if arguments.codec == "all" else [arguments.codec]
@@ -60,45 +60,49 @@ def main() -> int:
 
 
 def hunted(codec: str, minutes: float, *, keep: bool) -> Hunt:
-    """Let libFuzzer run in a process and a folder of its own."""
+    """Hunt in a folder of its own, then see whether what is kept piles up."""
     with TemporaryDirectory(prefix="usblnav-fuzz-") as place:
         folder = Path(place)
         pool = folder / "pool"
         pool.mkdir()
         for n, data in enumerate(seeds(codec)):
             (pool / f"seed{n:03d}").write_bytes(data)
-        (folder / "words").write_text("".join(f'"{_quoted(word)}"\n' for word in words(codec)))
-        options = {
-            "max_total_time": round(minutes * 60),
-            "max_len": INPUT_MAX,
-            "rss_limit_mb": MEMORY_MB,
-            "timeout": SLOWEST_S,
-            "dict": folder / "words",
-            "artifact_prefix": f"{folder}/fault-",
-            "print_final_stats": 1,
-        }
-        ran = subprocess.run(
-            [sys.executable, "-m", "tests.fuzz.hunt", codec]
-            + [f"-{name}={value}" for name, value in options.items()]
-            + [str(pool)],
-            capture_output=True,
-            check=False,
-            text=True,
-            errors="replace",
-        )
+        said, fault = _libfuzzer(codec, minutes, folder) if minutes else ("", None)
         inputs = [path.read_bytes() for path in sorted(pool.iterdir())]
-        fault = _fault(ran, folder)
-        kept = [] if fault else corpus.minimised(codec, inputs)
-        if keep and kept:
-            corpus.write(codec, kept)
-        return Hunt(
-            codec=codec,
-            minutes=minutes,
-            executions=int(_last(_RUNS, ran.stderr)),
-            edges=int(_last(_EDGES, ran.stderr)),
-            kept=len(kept),
-            fault=fault or _piled_up(codec, kept),
-        )
+    kept = [] if fault else corpus.minimised(codec, inputs)
+    if keep and kept:
+        corpus.write(codec, kept)
+    return Hunt(
+        codec=codec,
+        minutes=minutes,
+        executions=int(_last(_RUNS, said)),
+        edges=int(_last(_EDGES, said)),
+        kept=len(kept),
+        fault=fault or _piled_up(codec, kept),
+    )
+
+
+def _libfuzzer(codec: str, minutes: float, folder: Path) -> tuple[str, str | None]:
+    """What it says, and the fault it found; it never gives its process back."""
+    (folder / "words").write_text("".join(f'"{_quoted(word)}"\n' for word in words(codec)))
+    options = {
+        "max_total_time": max(1, round(minutes * 60)),
+        "max_len": INPUT_MAX,
+        "rss_limit_mb": MEMORY_MB,
+        "timeout": SLOWEST_S,
+        "dict": folder / "words",
+        "artifact_prefix": f"{folder}/fault-",
+        "print_final_stats": 1,
+    }
+    flags = [f"-{name}={value}" for name, value in options.items()]
+    ran = subprocess.run(
+        [sys.executable, "-m", "tests.fuzz.hunt", codec, *flags, str(folder / "pool")],
+        capture_output=True,
+        check=False,
+        text=True,
+        errors="replace",
+    )
+    return ran.stderr, _fault(ran, folder) if ran.returncode else None
 
 
 def _piled_up(codec: str, inputs: list[bytes]) -> str | None:
@@ -110,9 +114,7 @@ def _piled_up(codec: str, inputs: list[bytes]) -> str | None:
     return None
 
 
-def _fault(ran: subprocess.CompletedProcess[str], folder: Path) -> str | None:
-    if not ran.returncode:
-        return None
+def _fault(ran: subprocess.CompletedProcess[str], folder: Path) -> str:
     said = _FAULT.search(ran.stdout + ran.stderr)
     reason = (said[1] or said[2]) if said else ran.stderr.strip()[-300:]
     inputs = [corpus.line(path.read_bytes()) for path in sorted(folder.glob("fault-*"))]

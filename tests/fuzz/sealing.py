@@ -22,6 +22,7 @@ Seal = Callable[[bytes], bytes]
 
 NMEA = re.compile(rb"\$([^$*\r\n]*)\*[^\r\n]{0,2}")
 FRAMED = re.compile(rb"(\+\+\+AT(?:\*[!-9;-~]{1,32})?:)\d{0,4}:([^\r\n]*)")
+COUNTED = re.compile(rb"%D[0-9A-F]{0,4}([^%\r\n]*)(?=\r\n)")
 HEX = re.compile(rb"\$((?:[0-9A-Fa-f]{2}){3,512})[0-9A-Fa-f]{4}(?=\r?\n)")
 
 
@@ -32,6 +33,8 @@ def sealed(codec: str, stream: bytes) -> bytes:
         return FRAMED.sub(lambda found: b"%s%d:%s" % (found[1], len(found[2]), found[2]), stream)
     if codec == "seatrac":
         return HEX.sub(_sealed_hex, stream)
+    if codec == "micronnav":
+        return COUNTED.sub(lambda found: b"%%D%04X%s" % (len(found[1]) + 8, found[1]), stream)
     seal = BINARY.get(codec)
     return stream if seal is None else _sealed_frames(codec, seal, stream)
 

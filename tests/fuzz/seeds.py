@@ -26,6 +26,7 @@ GOLDEN = {
     "gaps": "usbl/ixblue*.txt",
     "psonlld": "usbl/sonardyne*.txt",
     "usrth": "usbl/cerulean*.txt",
+    "micronnav": "usbl/tritech*.txt",
 }
 """Where in the shared vectors the frames of a codec are, if they are here."""
 
