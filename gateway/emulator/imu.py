@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from msgspec import UNSET
 
 from drivers import registry
 from drivers.imu.anpp import AnppOptions
 from drivers.records import ImuRecord
 from gateway.emulator.faults.clocks import ImuClock
-from gateway.emulator.leaving import Leaving
+from gateway.emulator.leaving import Leaving, tells_age
 from gateway.emulator.scenario import ImuModel, Scenario, codec_options
 from gateway.emulator.sensors import ImuSensor, increments
 from gateway.emulator.streams import Emission
@@ -68,7 +67,7 @@ def imu_faults(model: ImuModel) -> Iterator[str]:
         return
     if model.age_ms > 0.0:
         decoder = registry.lookup(model.codec).decoder(codec_options(model))
-        if not any(getattr(record, "age_s", UNSET) for record in decoder.feed(frame, 0)):
+        if not tells_age(decoder, [frame]):
             yield f"age_ms: {model.codec} does not say how old a sample is; use clock.latency_ms"
 
 

@@ -5,10 +5,21 @@ from collections.abc import Iterator
 from operator import attrgetter
 
 from gateway.emulator.acoustics import lbl_stream, usbl_stream
+from gateway.emulator.aiding import aiding_stream
 from gateway.emulator.faults.wire import faulty
 from gateway.emulator.imu import imu_stream
 from gateway.emulator.ports import paced
-from gateway.emulator.scenario import DeviceModel, ImuModel, LblModel, Scenario, UsblModel
+from gateway.emulator.scenario import (
+    DepthModel,
+    DeviceModel,
+    DvlModel,
+    GnssModel,
+    HeadingModel,
+    ImuModel,
+    LblModel,
+    Scenario,
+    UsblModel,
+)
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 
@@ -43,5 +54,7 @@ def stream(
             return imu_stream(scenario, name, model, trajectory, start_unix_s, block_s)
         case UsblModel():
             return usbl_stream(scenario, name, model, trajectory, start_unix_s)
+        case GnssModel() | DepthModel() | DvlModel() | HeadingModel():
+            return aiding_stream(scenario, name, model, trajectory, start_unix_s, block_s)
         case LblModel():
             return lbl_stream(scenario, name, model, trajectory, start_unix_s)

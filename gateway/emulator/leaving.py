@@ -1,8 +1,12 @@
 """When what an instrument measured leaves it: after its latency and some jitter, in order."""
 
+from collections.abc import Iterable
+
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
+from drivers.codec import Decoder
 from gateway.emulator.streams import generator
 
 Array = NDArray[np.float64]
@@ -31,3 +35,9 @@ class Leaving:
         leaves = np.maximum.accumulate(np.maximum(t + delay, self._left))
         self._left = float(leaves[-1])
         return np.asarray(leaves)
+
+
+def tells_age(decoder: Decoder, frames: Iterable[bytes]) -> bool:
+    """Whether frames say themselves how long before them their measurement was."""
+    records = (record for frame in frames for record in decoder.feed(frame, 0))
+    return any(getattr(record, "age_s", UNSET) for record in records)

@@ -77,6 +77,12 @@ class Trajectory:
         m = self._motion(np.asarray(t, dtype=np.float64))
         return Pose(self._r0_e + m.r @ self._C_et.T, self._C_et @ m.C_tb)
 
+    def point(self, t: Array, l_b: tuple[float, float, float]) -> tuple[Array, Array]:
+        """Place ``r_e`` (m) and velocity ``v_e`` (m/s), (n, 3), of what is fixed at ``l_b``."""
+        m = self._motion(np.asarray(t, dtype=np.float64))
+        turning = np.einsum("nij,nj->ni", m.C_tb, np.cross(m.omega_tb_b, l_b))
+        return self._r0_e + (m.r + m.C_tb @ l_b) @ self._C_et.T, (m.v + turning) @ self._C_et.T
+
     def geodetic(self, t: Array) -> Geodetic:
         """Position, velocity and attitude as a navigation solution states them."""
         m = self._motion(np.asarray(t, dtype=np.float64))

@@ -10,6 +10,7 @@ import numpy as np
 from gateway.config.blocks import Config, Device, DeviceKind
 from gateway.config.checks import cross_faults
 from gateway.emulator import acoustics
+from gateway.emulator.aiding import aiding_faults
 from gateway.emulator.imu import imu_faults
 from gateway.emulator.scenario import (
     AnyPort,
@@ -83,8 +84,10 @@ def _unsayable(scenario: Scenario) -> Iterator[str]:
     for name, model in scenario.devices.items():
         if isinstance(model, ImuModel):
             yield from (f"devices.{name}.{fault}" for fault in imu_faults(model))
-        if isinstance(model, UsblModel | LblModel):
+        elif isinstance(model, UsblModel | LblModel):
             yield from acoustics.faults(scenario, name, model)
+        else:
+            yield from (f"devices.{name}.{fault}" for fault in aiding_faults(scenario, model))
 
 
 def gateway_config(scenario: Scenario) -> dict[str, Any]:
@@ -95,7 +98,7 @@ def gateway_config(scenario: Scenario) -> dict[str, Any]:
     """
     config = {
         "vehicle": scenario.vehicle,
-        "devices": {name: _device(model) for name, model in scenario.devices.items()},
+        "devices": {name: _device(scenario, model) for name, model in scenario.devices.items()},
         "beacons": {n: msgspec.to_builtins(b) for n, b in scenario.beacons.items()},
         "sound_speed_m_s": scenario.sound_speed_m_s,
         "initial": _initial(scenario),
@@ -118,9 +121,9 @@ def for_capture(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, devices=devices)
 
 
-def _device(model: DeviceModel) -> dict[str, Any]:
-    """Every key of the configuration's block that the scenario's block has too."""
-    whole = msgspec.to_builtins(model)
+def _device(scenario: Scenario, model: DeviceModel) -> dict[str, Any]:
+    """Every key of the configuration's block that the scenario has too."""
+    whole = {"surface_height_m": scenario.surface_height_m, **msgspec.to_builtins(model)}
     if isinstance(model, ImuModel):
         whole["noise"] = msgspec.to_builtins(model.sheet.noise)
     shared = [key for key in _BLOCKS[whole["kind"]].__struct_fields__ if key in whole]

@@ -13,6 +13,14 @@ from gateway.emulator.scenario.acoustic import (
     UsblErrors,
     UsblModel,
 )
+from gateway.emulator.scenario.aiding import (
+    AidingModel,
+    DepthModel,
+    DvlErrors,
+    DvlModel,
+    GnssModel,
+    HeadingModel,
+)
 from gateway.emulator.scenario.block import Probability, SoundSpeed
 from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec_options
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
@@ -22,10 +30,16 @@ from gateway.emulator.scenario.trajectory import Circle, Lawnmower, Legs, Line, 
 
 __all__ = [
     "GRADES",
+    "AidingModel",
     "AnyPort",
     "Circle",
+    "DepthModel",
     "DeviceModel",
+    "DvlErrors",
+    "DvlModel",
+    "GnssModel",
     "Grade",
+    "HeadingModel",
     "ImuErrors",
     "ImuModel",
     "Initial",

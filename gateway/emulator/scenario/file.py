@@ -6,14 +6,15 @@ import msgspec
 from msgspec import Meta
 
 from drivers import registry
-from gateway.config.blocks import Beacon, InitialSigma, Name
+from gateway.config.blocks import Beacon, InitialSigma, Name, Positive
 from gateway.emulator.scenario.acoustic import LblModel, UsblModel
+from gateway.emulator.scenario.aiding import AidingModel
 from gateway.emulator.scenario.block import Block, SoundSpeed
 from gateway.emulator.scenario.faults import AnyFault
 from gateway.emulator.scenario.imu import ImuModel
 from gateway.emulator.scenario.trajectory import Track
 
-DeviceModel = ImuModel | UsblModel | LblModel
+DeviceModel = ImuModel | UsblModel | LblModel | AidingModel
 
 
 class Initial(Block, frozen=True):
@@ -31,6 +32,10 @@ class Scenario(Block, frozen=True, kw_only=True):
         Unix time of t = 0. A live run waits for it; one already over, or "now", begins at once.
     sound_speed_m_s
         What the instruments are told; the water has ``true_sound_speed_m_s``, by default the same.
+    surface_height_m
+        Of the water's surface above the ellipsoid.
+    sea_bed_depth_m
+        Of a flat bed below the surface.
     """
 
     seed: Annotated[int, Meta(ge=0)]
@@ -43,6 +48,8 @@ class Scenario(Block, frozen=True, kw_only=True):
     start: Annotated[float, Meta(ge=0)] | Literal["now"] = "now"
     sound_speed_m_s: SoundSpeed = 1500.0
     true_sound_speed_m_s: SoundSpeed | None = None
+    surface_height_m: float = 0.0
+    sea_bed_depth_m: Positive | None = None
     faults: tuple[AnyFault, ...] = ()
 
 
