@@ -1,5 +1,6 @@
 """Names of wire formats and where each one lives; a codec is imported when first asked for."""
 
+from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -7,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from drivers.codec import Codec
 
 GROUP = "usblnav.codecs"
-"""Entry-point group through which other packages add codecs; a built-in name wins."""
+"""Entry-point group through which other packages add codecs; a name belongs to its first owner."""
 
 CODECS: dict[str, str] = {
     "kvh1750": "drivers.imu.kvh:KVH1750",
@@ -68,6 +69,15 @@ def names() -> list[str]:
     return sorted({*CODECS, *_installed()})
 
 
+def conflicts() -> list[str]:
+    """What installed packages announce under names that are taken, a line each."""
+    return [
+        f'codec "{point.name}" ({_origin(point)}): the name is taken'
+        for point in _announced()
+        if point.name in CODECS or _installed()[point.name] != point
+    ]
+
+
 def lookup(name: str) -> Codec:
     """Give the codec called `name`, importing it now.
 
@@ -76,7 +86,7 @@ def lookup(name: str) -> Codec:
     UnknownCodecError
         If neither this package nor an installed one provides the name.
     CodecImportError
-        If an installed package announces the name but does not deliver a `Codec`.
+        If an installed package announces the name but does not deliver a `Codec` of that name.
     """
     if name in CODECS:
         module, _, attribute = CODECS[name].partition(":")
@@ -89,19 +99,38 @@ def lookup(name: str) -> Codec:
 
 
 def all_codecs() -> list[Codec]:
-    """Every codec, sorted by name; imports them all."""
-    return [lookup(name) for name in names()]
+    """Every codec that can be had, sorted by name; imports them all."""
+    found = []
+    for name in names():
+        with suppress(CodecImportError):
+            found.append(lookup(name))
+    return found
+
+
+def _announced() -> list[EntryPoint]:
+    """In an order that does not depend on where the packages lie."""
+    return sorted(entry_points(group=GROUP), key=lambda point: (point.name, _origin(point)))
 
 
 def _installed() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}
+    return {point.name: point for point in reversed(_announced())}
+
+
+def _origin(point: EntryPoint) -> str:
+    package = f"{point.dist.name} {point.dist.version}" if point.dist else "no package"
+    return f"{point.value} of {package}"
 
 
 def _load(point: EntryPoint) -> Codec:
     try:
         codec = point.load()
-    except (ImportError, AttributeError) as error:
-        raise CodecImportError(f'codec "{point.name}" ({point.value}): {error}') from error
+    except Exception as error:  # another's module may raise anything
+        said = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise CodecImportError(f'codec "{point.name}" ({_origin(point)}): {said}') from error
     if not isinstance(codec, Codec):
-        raise CodecImportError(f'codec "{point.name}" ({point.value}) is not a drivers.codec.Codec')
-    return codec
+        wrong = "is not a drivers.codec.Codec"
+    elif codec.name != point.name:
+        wrong = f'calls itself "{codec.name}"'
+    else:
+        return codec
+    raise CodecImportError(f'codec "{point.name}" ({_origin(point)}) {wrong}')

@@ -1,6 +1,7 @@
 """`usblnav codecs`: the wire formats, their devices and options."""
 
 import json
+import sys
 import textwrap
 from argparse import Namespace
 from typing import Any
@@ -9,13 +10,12 @@ from msgspec import NODEFAULT, inspect
 
 from drivers import registry
 from drivers.codec import Codec
-from gateway.errors import UsblnavError
 from gateway.schema import phrase, shown
 
 
 def run(arguments: Namespace) -> int:
-    """Print every codec, built in or installed beside the program."""
-    codecs, broken = [], []
+    """Print every codec, built in or installed beside the program; what is amiss goes to stderr."""
+    codecs, broken = [], registry.conflicts()
     for name in registry.names():
         try:
             codecs.append(registry.lookup(name))
@@ -26,8 +26,8 @@ def run(arguments: Namespace) -> int:
     else:
         for codec in codecs:
             _print_entry(codec)
-    if broken:
-        raise UsblnavError("; ".join(broken))
+    for fault in broken:
+        sys.stderr.write(f"usblnav: {fault}\n")
     return 0
 
 

@@ -71,6 +71,16 @@ def test_a_unit_not_in_the_list() -> None:
     assert known.delta_velocity_m_s == pytest.approx([3e-3, -2e-3, 1e-3])
 
 
+def test_fields_behind_the_last_are_left() -> None:
+    fields = ["26", "1.5", "00000000", "1", "2", "3", "4", "5", "6"]
+    records = (
+        read(ascii_log("%RAWIMUSA,0,1.500", [*fields, *more]), imu="isa100c")[0]
+        for more in ((), ("7", "8"))
+    )
+    told, longer = (record.delta_angle_rad for record in records)
+    assert longer == told == pytest.approx([6e-9, -5e-9, 4e-9])
+
+
 def test_other_logs_are_passed_on() -> None:
     best = long(42, bytes(72), 3.0)
     text = ascii_log("#BESTPOSA,COM1,0,1.0,FINE,0,3.0,00000000,0000,0", ["SOL_COMPUTED"])

@@ -163,6 +163,7 @@ class _Reader:
             wanted = {_RAW: 9, _RAW_X: 11}.get(message, 8)
             if len(values) < wanted:
                 raise ValueError(name)
+            values = values[:wanted]
         except (ValueError, IndexError):
             return (Rejected(t_rx_ns=t_rx_ns, line_bytes=line_bytes, reason="syntax", data=log),)
         return self._record(kind, values, log, t_rx_ns, line_bytes)
