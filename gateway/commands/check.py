@@ -8,12 +8,15 @@ from drivers.settings import OutputLink, PtyLink, SerialLink, StdioLink, TcpLink
 from gateway.config import Config, NmeaOutput, load
 from gateway.config.lines import advice
 from gateway.errors import ConfigError
+from gateway.outputs.checks import missing_files, output_faults
 
 
 def run(arguments: Namespace) -> int:
     """Check the file; faults go to standard error, or to standard output as JSON."""
     try:
         config = load(arguments.config)
+        if faults := [*output_faults(config), *missing_files(config)]:
+            raise ConfigError(faults, arguments.config)
     except ConfigError as error:
         if not arguments.json:
             raise

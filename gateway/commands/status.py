@@ -1,6 +1,5 @@
 """`usblnav status`: what a running gateway says of itself, asked over Zenoh."""
 
-import re
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from gateway.errors import ConfigError, UsblnavError
 from gateway.health import DeviceReport, HealthReport
 from gateway.latency import StageReport
 from gateway.outputs.sinks import SinkStatus
-from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask
+from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask, at, client_of
 
 DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
 LINK = ("line of", "place", "up", "opened", "chunks", "bytes", "records", "junk bytes")
@@ -24,12 +23,14 @@ STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max
 
 def run(arguments: Namespace) -> int:
     """Print the status of every vehicle that answers."""
-    endpoint, vehicle = DEFAULT_ENDPOINT, "*"
+    place, vehicle = at(DEFAULT_ENDPOINT), "*"
     if arguments.config is not None:
         config = load(arguments.config)
-        endpoint, vehicle = _endpoint(config.outputs, arguments.config), config.vehicle
-    endpoint = arguments.connect or endpoint
-    answers = ask(endpoint, f"usblnav/{vehicle}/status")
+        place, vehicle = _place(config.outputs, arguments.config), config.vehicle
+    if arguments.connect:
+        place = msgspec.structs.replace(place, connect=(arguments.connect,))
+    endpoint = place.connect[0]
+    answers = ask(place, f"usblnav/{vehicle}/status")
     if not answers:
         raise UsblnavError(f"zenoh {endpoint}: no gateway answers usblnav/{vehicle}/status")
     for payload in answers.values():
@@ -79,12 +80,11 @@ def _report(payload: bytes, endpoint: str) -> HealthReport:
         raise UsblnavError(f"zenoh {endpoint}: {why}") from error
 
 
-def _endpoint(outputs: Sequence[object], file: Path) -> str:
-    """Where the gateway of a configuration is found: at its own place, or at its router's."""
+def _place(outputs: Sequence[object], file: Path) -> ZenohOutput:
+    """How a client finds the gateway of a configuration."""
     for output in outputs:
         if isinstance(output, ZenohOutput):
-            place = next(iter(output.listen or output.connect), DEFAULT_ENDPOINT)
-            return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", place)
+            return client_of(output)
     raise ConfigError(["outputs: none is of type zenoh, which is what status asks"], file)
 
 

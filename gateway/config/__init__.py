@@ -37,9 +37,9 @@ from gateway.config.blocks import (
     UsblDevice,
     UsblNoise,
     UsblPrior,
-    ZenohOutput,
 )
 from gateway.config.checks import cross_faults
+from gateway.config.zenoh import ZenohOutput, ZenohTls
 from gateway.errors import ConfigError
 from gateway.schema import build, draft, known, read_yaml
 
@@ -75,6 +75,7 @@ __all__ = [
     "UsblNoise",
     "UsblPrior",
     "ZenohOutput",
+    "ZenohTls",
     "load",
     "wire_format",
 ]

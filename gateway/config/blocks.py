@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.settings import Link, OutputLink
+from gateway.config.zenoh import ZenohOutput
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
@@ -20,13 +21,6 @@ Name = Annotated[
         pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z",
         max_length=64,
         description="a name of letters, digits and _ . - (at most 64)",
-    ),
-]
-Endpoint = Annotated[
-    str,
-    Meta(
-        pattern=r"\A[a-z0-9]+/\S+\Z",
-        description="an endpoint such as tcp/192.168.1.5:7447",
     ),
 ]
 
@@ -303,16 +297,6 @@ class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
     talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
     surface_height_m: float | None = None
     """Of the water's surface above the ellipsoid (geoid and tide), for sentences with a depth."""
-
-
-class ZenohOutput(_Block, frozen=True, tag_field="type", tag="zenoh"):
-    """Publication under ``usblnav/<vehicle>/``."""
-
-    mode: Literal["peer", "client", "router"] = "peer"
-    rate_hz: Annotated[float, Meta(gt=0, le=10_000)] = 10.0
-    connect: tuple[Endpoint, ...] = ()
-    listen: tuple[Endpoint, ...] = ()
-    multicast: bool = False
 
 
 Output = NmeaOutput | ZenohOutput

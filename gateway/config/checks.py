@@ -23,9 +23,9 @@ from gateway.config.blocks import (
     NmeaOutput,
     Triple,
     UsblDevice,
-    ZenohOutput,
 )
 from gateway.config.lines import line_faults
+from gateway.config.zenoh import ZenohOutput
 from gateway.schema import build, known
 
 EARTH_RATE_DEG_H = 15.041
@@ -252,8 +252,34 @@ def _is_multicast(text: str) -> bool:
 
 def _zenoh(config: Config) -> Iterator[str]:
     for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        if isinstance(output, ZenohOutput) and output.mode == "client" and not output.connect:
-            yield f"outputs[{n}].connect: missing; a client needs its router's endpoint"
+        if isinstance(output, ZenohOutput):
+            yield from _zenoh_output(output, f"outputs[{n}]")
+
+
+def _zenoh_output(output: ZenohOutput, path: str) -> Iterator[str]:
+    """What of a Zenoh output goes with what."""
+    if output.mode == "client" and not output.connect:
+        yield f"{path}.connect: missing; a client needs its router's endpoint"
+    if (output.user is None) != (output.password_file is None):
+        missing = "user" if output.user is None else "password_file"
+        yield f"{path}.{missing}: missing; user and password_file belong together"
+    if output.users_file is not None and output.mode == "client":
+        yield f"{path}.users_file: a client lets nobody in"
+    tls = output.tls
+    if tls is None or not known(tls):
+        return
+    if (tls.certificate is None) != (tls.private_key is None):
+        missing = "certificate" if tls.certificate is None else "private_key"
+        yield f"{path}.tls.{missing}: missing; certificate and private_key belong together"
+    elif tls.mutual and (tls.certificate is None or tls.root_ca is None):
+        missing = "certificate" if tls.certificate is None else "root_ca"
+        yield f"{path}.tls.{missing}: missing; mutual needs root_ca, certificate and private_key"
+    elif tls.certificate is None and known(output.listen) and any(map(_is_tls, output.listen)):
+        yield f"{path}.tls.certificate: missing; who listens on tls must show one"
+
+
+def _is_tls(endpoint: str) -> bool:
+    return known(endpoint) and endpoint.startswith(("tls/", "quic/"))
 
 
 def _depths(config: Config) -> Iterator[str]:

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.settings import SerialLink
-from gateway.config.blocks import Config, ZenohOutput
+from gateway.config.blocks import Config
+from gateway.config.zenoh import ZenohOutput
 from gateway.schema import known
 
 STABLE_NAMES = (Path("/dev/usblnav"), Path("/dev/serial/by-id"))

@@ -15,7 +15,7 @@ from gateway.emulator.truth import TruthFile
 from gateway.errors import UsblnavError
 from gateway.nav.earth import radii
 from gateway.outputs.schema import NavReport
-from gateway.outputs.zenoh import open_subscription
+from gateway.outputs.zenoh import at, open_subscription
 
 SCORED_S = 30.0
 """The summary's errors are over this last part of the demo."""
@@ -64,7 +64,7 @@ class Viewer:
             nmea.setblocking(False)
             loop.add_reader(nmea, self._on_nmea, nmea)
             try:
-                with open_subscription(self._stage.endpoint, key, on_payload):
+                with open_subscription(at(self._stage.endpoint), key, on_payload):
                     yield
             finally:
                 loop.remove_reader(nmea)

@@ -285,6 +285,36 @@ ONE_FAULT: list[tuple[str, Any, str, str]] = [
         "[0].connect[0]",
         'expected an endpoint such as tcp/192.168.1.5:7447, got "host:7447"',
     ),
+    (
+        "outputs",
+        [{**ZENOH, "user": "auv1"}],
+        "[0].password_file",
+        "missing; user and password_file belong together",
+    ),
+    (
+        "outputs",
+        [{**ZENOH, "tls": {"private_key": "auv1.key"}}],
+        "[0].tls.certificate",
+        "missing; certificate and private_key belong together",
+    ),
+    (
+        "outputs",
+        [{**ZENOH, "tls": {"certificate": "a.pem", "private_key": "a.key", "mutual": True}}],
+        "[0].tls.root_ca",
+        "missing; mutual needs root_ca, certificate and private_key",
+    ),
+    (
+        "outputs",
+        [{**ZENOH, "listen": ["tls/0.0.0.0:7447"], "tls": {"root_ca": "ca.pem"}}],
+        "[0].tls.certificate",
+        "missing; who listens on tls must show one",
+    ),
+    (
+        "outputs",
+        [{**ZENOH, "mode": "client", "connect": ["tcp/a:1"], "users_file": "users"}],
+        "[0].users_file",
+        "a client lets nobody in",
+    ),
 ]
 
 

@@ -21,7 +21,7 @@ import yaml
 from gateway.emulator import twin
 from gateway.emulator.truth import TruthFile
 from gateway.outputs.schema import NavReport
-from gateway.outputs.zenoh import open_subscription
+from gateway.outputs.zenoh import at, open_subscription
 from tests.gateway.emulated import demo_data, make
 from tests.integration.cables import Cable, free_port
 from tests.shared_data import ROOT
@@ -235,7 +235,7 @@ class Rig:
 
         for topic, take in (("nav", on_nav), ("status", on_status)):
             key = f"usblnav/{self.scenario['vehicle']}/{topic}"
-            self._stack.enter_context(open_subscription(self.endpoint, key, take))
+            self._stack.enter_context(open_subscription(at(self.endpoint), key, take))
 
     def worker(self) -> int:
         """Process id of the filter."""

@@ -1,0 +1,56 @@
+"""The block of a Zenoh output."""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+Endpoint = Annotated[
+    str,
+    Meta(
+        pattern=r"\A[a-z0-9]+/\S+\Z",
+        description="an endpoint such as tcp/192.168.1.5:7447",
+    ),
+]
+File = Annotated[str, Meta(min_length=1)]
+
+
+class ZenohTls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Certificates for endpoints of tls and quic: files in PEM."""
+
+    root_ca: File | None = None
+    """Who signs those of the others; without it the authorities of the web do."""
+    certificate: File | None = None
+    """Our own: shown to who connects here, and with ``mutual`` to whom we connect."""
+    private_key: File | None = None
+    mutual: bool = False
+    """Both ends show a certificate."""
+    verify_name: bool = True
+    """Whether a router's certificate must be of the host that ``connect`` names."""
+
+
+class ZenohOutput(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    tag_field="type",
+    tag="zenoh",
+):
+    """Publication under ``usblnav/<vehicle>/``."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    rate_hz: Annotated[float, Meta(gt=0, le=10_000)] = 10.0
+    connect: tuple[Endpoint, ...] = ()
+    listen: tuple[Endpoint, ...] = ()
+    multicast: bool = False
+    history_s: Annotated[float, Meta(ge=0, le=3600)] = 120.0
+    """What queries with a time may ask for."""
+    tls: ZenohTls | None = None
+    user: Annotated[str, Meta(min_length=1)] | None = None
+    password_file: File | None = None
+    """Its first line is the password of ``user``."""
+    users_file: File | None = None
+    """Who may connect here: lines of user:password."""
+    config: dict[str, Any] = {}
+    """Any further setting, in Zenoh's own words."""

@@ -1,0 +1,166 @@
+"""What a declared publisher promises: services, times, the past for who asks, and coming back."""
+
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+
+from gateway.config import ZenohOutput
+from gateway.outputs.schema import nav_report
+from gateway.outputs.zenoh import ZenohPublisher, open_publisher
+from tests.gateway.test_outputs_schema import OFFSET_NS, solution
+from tests.integration.zenoh_ends import free_endpoint, session, until
+
+pytestmark = pytest.mark.live
+
+ROOT = Path(__file__).resolve().parents[2]
+NAV = "usblnav/auv1/nav"
+
+
+def publish(publisher: ZenohPublisher, utc_ns: int | None = None) -> None:
+    utc_ns = utc_ns or time.time_ns()
+    report = nav_report(solution(), OFFSET_NS)
+    publisher.publish("nav", msgspec.structs.replace(report, utc_ns=utc_ns, t_s=utc_ns / 1e9))
+
+
+def ask(there: zenoh.Session, selector: str) -> list[Any]:
+    return [json.loads(reply.ok.payload.to_bytes()) for reply in there.get(selector) if reply.ok]
+
+
+async def test_navigation_goes_first_and_at_once_with_its_own_time() -> None:
+    endpoint, heard = free_endpoint(), {}
+    async with open_publisher(ZenohOutput(listen=(endpoint,)), "auv1") as publisher:
+        with session(endpoint) as there:
+            held = there.declare_subscriber(
+                "usblnav/**", lambda sample: heard.setdefault(str(sample.key_expr), sample)
+            )
+            await until(lambda: NAV in heard, lambda: publish(publisher, 1_777_777_777_123_456_789))
+            await until(
+                lambda: len(heard) == 2, lambda: publisher.publish("status", {"mode": "aided"})
+            )
+            held.undeclare()
+    nav, status = heard[NAV], heard["usblnav/auv1/status"]
+    assert (nav.priority, nav.express) == (zenoh.Priority.REAL_TIME, True)
+    assert (status.priority, status.express) == (zenoh.Priority.DATA_LOW, False)
+    for sample in (nav, status):
+        assert sample.congestion_control == zenoh.CongestionControl.DROP
+        assert sample.encoding == zenoh.Encoding.APPLICATION_JSON
+    told = nav.timestamp.get_time_as_ntp64()
+    assert told.as_secs() * 10**9 + told.subsec_nanos() == pytest.approx(
+        1_777_777_777_123_456_789, abs=1
+    )
+    assert abs(status.timestamp.get_time().timestamp() - time.time()) < 5.0
+
+
+async def test_the_past_is_given_as_far_as_it_is_asked_for() -> None:
+    endpoint, now = free_endpoint(), time.time_ns()
+    settings = ZenohOutput(listen=(endpoint,), history_s=60.0)
+    async with open_publisher(settings, "auv1") as publisher:
+        for age_s in range(90, -1, -1):
+            publish(publisher, now - age_s * 10**9)
+        publisher.publish("status", {"mode": "aided"})
+        with session(endpoint) as there:
+
+            async def answers(selector: str) -> list[Any]:
+                return await asyncio.to_thread(ask, there, selector)
+
+            (last,) = await answers(NAV)
+            everything = await answers(f"{NAV}?_time=[now(-2m)..]")
+            recent = await answers(f"{NAV}?_time=[now(-30.5s)..]")
+            both = await answers("usblnav/auv1/*?_time=[now(-10s)..]")
+            (refusal,) = await asyncio.to_thread(lambda: list(there.get(f"{NAV}?_time=120")))
+    assert last["utc_ns"] == now
+    assert [r["utc_ns"] for r in everything] == [now - age * 10**9 for age in range(60, -1, -1)]
+    assert 25 <= len(recent) <= 31
+    assert {"mode": "aided"} in both
+    assert "no range of times" in refusal.err.payload.to_string()
+
+
+async def test_a_great_past_is_given_whole_while_navigation_goes_on() -> None:
+    endpoint, now, count = free_endpoint(), time.time_ns(), 5000
+    async with open_publisher(ZenohOutput(listen=(endpoint,)), "auv1") as publisher:
+        for n in range(count):
+            publish(publisher, now - (count - n) * 5_000_000)
+        with session(endpoint) as there:
+            asking = asyncio.create_task(asyncio.to_thread(ask, there, f"{NAV}?_time=[..]"))
+            turns = 0
+            while not asking.done():
+                publish(publisher)
+                turns += 1
+                await asyncio.sleep(0.002)
+            answers = asking.result()
+    times = [report["utc_ns"] for report in answers]
+    assert len(times) >= count
+    assert times == sorted(times)
+    assert turns > 10
+
+
+async def test_after_its_router_a_client_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    endpoint = free_endpoint()
+    router = ZenohOutput(mode="router", listen=(endpoint,))
+    settings = ZenohOutput(mode="client", connect=(endpoint,))
+    async with open_publisher(router, "ship"):
+        opening = open_publisher(settings, "auv1")
+        publisher = await opening.__aenter__()
+    try:
+        await until(lambda: publisher.status().error)
+        assert publisher.status().error == f"{endpoint}: nobody answers"
+        publish(publisher, 4_000_000_000)
+        async with open_publisher(router, "ship"):
+            await until(lambda: publisher.status().up and not publisher.status().error)
+            with session(endpoint) as there:
+                tokens = await asyncio.to_thread(lambda: list(there.liveliness().get("usblnav/*")))
+                heard: list[zenoh.Sample] = []
+                held = there.declare_subscriber(NAV, heard.append)
+                (last,) = await asyncio.to_thread(ask, there, NAV)
+                await until(lambda: heard, lambda: publish(publisher))
+                held.undeclare()
+    finally:
+        await opening.__aexit__(None, None, None)
+    assert {str(token.ok.key_expr) for token in tokens} == {"usblnav/ship", "usblnav/auv1"}
+    assert last["utc_ns"] == 4_000_000_000
+    ours = [m for m in caplog.messages if "zenoh client" in m]
+    assert ours[:2] == [
+        f"output zenoh client: {endpoint}: nobody answers; trying again",
+        "output zenoh client: back",
+    ]
+
+
+SUBSCRIBER = """
+import json, sys, zenoh
+config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+held = session.declare_subscriber("usblnav/**", lambda sample: print("heard", flush=True))
+sys.stdin.read()
+"""
+
+
+async def test_a_killed_subscriber_is_not_felt() -> None:
+    endpoint = free_endpoint()
+    pipe = subprocess.PIPE
+    async with open_publisher(ZenohOutput(listen=(endpoint,)), "auv1") as publisher:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", SUBSCRIBER, endpoint, stdin=pipe, stdout=pipe
+        )
+        assert process.stdout is not None
+        hearing = asyncio.create_task(process.stdout.readline())
+        await until(hearing.done, lambda: publish(publisher))
+        process.send_signal(signal.SIGKILL)
+        await process.wait()
+        dropped = publisher.status().dropped
+        heard: list[zenoh.Sample] = []
+        with session(endpoint) as there:
+            held = there.declare_subscriber(NAV, heard.append)
+            await until(lambda: len(heard) > 10, lambda: publish(publisher))
+            held.undeclare()
+        await until(lambda: publisher.status().clients == 0)
+        assert publisher.status().dropped == dropped == 0
