@@ -314,7 +314,8 @@ async def test_stopped_readers_hold_up_nobody_and_are_counted(tmp_path: Path) ->
         await flood(rig)
     outputs = {output["name"]: output for output in report["outputs"]}
     assert outputs[f"tcp 127.0.0.1:{port}"]["clients_cut_off"] == 1
-    assert outputs["zenoh peer"]["clients_stalled"] == 1
+    zenoh = outputs["zenoh peer"]  # four seconds after it was seen to stall it is given up
+    assert zenoh["clients_stalled"] + zenoh["clients_cut_off"] == 1
     assert {"imu0", "usbl0", f"127.0.0.1:{port}", "zenoh", "filter"} <= set(table.split())
     stages = {(row["stage"], row["of"]): row["recent"]["count"] for row in report["latency"]}
     assert min(stages[stage, "imu0"] for stage in ("decode", "hand on")) > 100
