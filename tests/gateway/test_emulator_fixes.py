@@ -64,6 +64,8 @@ CASES: dict[str, dict[str, Any]] = {
     "usrth": {"options": {"beacon": "1"}},
     "usrth, true": {"options": {"beacon": "1", "angles": "true"}, "axes": "north"},
     "seatrac": {},
+    "micronnav": {"axes": "level"},
+    "micronnav, by its head": {"options": {"levelled": False}},
 }
 
 
