@@ -5,7 +5,7 @@ Vectors are tuples (messages cross a process boundary as msgpack), blocks of IMU
 of float64 rows, see `ImuBlock`.
 """
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import msgspec
 
@@ -57,11 +57,20 @@ class UsblFix(_Heard, frozen=True, tag="usbl"):
 
     Angles in rad in array axes `u` (bearing to starboard, elevation up), slant range in m as the
     instrument computed it with the nominal sound speed; None where the sentence did not carry it.
+    ``axes`` other than the array's are those that the instrument has levelled or turned north.
     """
 
     elevation: float | None
     bearing: float | None
     slant_range: float | None
+    axes: Literal["array", "level", "north"] = "array"
+
+
+class BeaconPlace(_Heard, frozen=True, tag="place"):
+    """Where a topside that goes by this gateway's own solution places a beacon (WGS84, rad)."""
+
+    lat: float
+    lon: float
 
 
 class BeaconRange(_Heard, frozen=True, tag="range"):
@@ -139,7 +148,7 @@ class Stationary(_Own, frozen=True, tag="stationary"):
     sd: float
 
 
-Acoustic = UsblFix | BeaconRange | RadialRate
+Acoustic = UsblFix | BeaconPlace | BeaconRange | RadialRate
 OfTheVehicle = PositionFix | VelocityFix | Depth | BottomVelocity | HeadingFix | Stationary
 Fix = Acoustic | OfTheVehicle
 """What corrects the state."""

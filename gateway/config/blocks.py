@@ -59,6 +59,10 @@ class UsblNoise(_Block, frozen=True):
     elevation_deg: Positive
     range_m: Positive
     range_rate_m_s: Positive = 0.05
+    tilt_deg: NonNegative = 0.0
+    """Of the instrument's own motion sensor, where it has taken out roll and pitch."""
+    heading_deg: NonNegative = 0.0
+    """Of its own compass, where it has turned its fixes north."""
 
 
 class GnssNoise(_Block, frozen=True):
@@ -145,6 +149,8 @@ class UsblDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="usbl
     """Whether angles are taken as told, or made of the elements' time differences."""
     looks: Literal["down", "up"] = "down"
     """On which side of the elements' plane the beacons are."""
+    navigates_by: Literal["itself", "gateway"] = "itself"
+    """Whose attitude and place the topside uses where it levels, turns or places its fixes."""
     range_limits_m: tuple[NonNegative, Positive] | None = None
     """Slant ranges outside are not valid."""
     radial_rate: Literal["mean", "elements"] = "mean"

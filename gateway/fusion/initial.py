@@ -150,6 +150,8 @@ def _array(device: UsblDevice) -> AcousticArray:
         noise.range_rate_m_s,
         np.array(device.elements_m or ((0.0, 0.0, 0.0),)),
         device.radial_rate == "elements",
+        (math.radians(noise.tilt_deg), math.radians(noise.heading_deg)),
+        device.navigates_by == "gateway",
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.fusion.axes import told_axes
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.kinematics import add_latency, earlier
 from gateway.fusion.position import ROW_NAMES
@@ -27,7 +28,7 @@ from gateway.fusion.state import (
 )
 from gateway.fusion.usbl import ArrayGeometry, Sighting
 from gateway.nav.earth import C_en, ecef_to_lla
-from gateway.nav.lie import left_jacobian, skew
+from gateway.nav.lie import skew
 
 Array = NDArray[np.float64]
 
@@ -43,45 +44,49 @@ def linearise(
     if np.isnan(sight.measured).any():
         return None
     state, omega_e = earlier(state)
+    axes = told_axes(state, geometry.C_bu, sight.axes)
+    if axes is None:
+        return None
     k = 1.0 + state.range_scale
     H = np.zeros((3, N_FULL))
     alpha, beta = sight.measured[:2] - state.angle_offsets
     range_m, by_range = _range_at_reception(state, geometry, sight)
     if not range_m > 0.0:
         return None
-    J_u = _by_polar(float(alpha), float(beta), range_m)
-    C_bu = state.C_theta @ geometry.C_bu
-    r_b = range_m * (C_bu @ J_u[:, 2])
-    lever_b = geometry.lever_b + state.lever_b
+    E = axes.C_ea @ _by_polar(float(alpha), float(beta), range_m)
     C = state.C_eb
-    E = C @ C_bu @ J_u
-    to_beacon_e = C @ (r_b + lever_b)
-    H[:, ATT] = -skew(to_beacon_e)
+    r_e, l_e = range_m * E[:, 2], C @ (geometry.lever_b + state.lever_b)
+    H[:, ATT] = -skew(r_e) @ axes.turning - skew(l_e)
     H[:, POS] = np.eye(3)
     H[:, LEVER] = C
-    H[:, THETA] = -C @ skew(r_b) @ left_jacobian(state.theta)
+    H[:, THETA] = -skew(r_e) @ C @ axes.by_mounting
     H[:, DALPHA], H[:, DBETA] = -E[:, 0], -E[:, 1]
     H[:, DKD] = -E[:, 2] * sight.measured[2] / k**2
     H += np.outer(E[:, 2], by_range)
     add_latency(state, omega_e, H)
-    residual = to_beacon_e + state.r_e - sight.beacon_e
+    residual = r_e + l_e + state.r_e - sight.beacon_e
     lat, lon, _ = ecef_to_lla(sight.beacon_e)
     C_ne = C_en(lat, lon).T
-    noise = C_ne @ E * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
-    R = noise @ noise.T if sigma_m is None else np.eye(3) * sigma_m**2
+    if sigma_m is None:
+        noise = E * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
+        turned = skew(r_e) @ axes.C_ea * np.sqrt(sight.sensor_variance())
+        R = C_ne @ (noise @ noise.T + turned @ turned.T) @ C_ne.T
+    else:
+        R = np.eye(3) * sigma_m**2
     H = np.ascontiguousarray(C_ne @ H[:, state.columns])
     return Linearised(C_ne @ residual, H, R, ROW_NAMES)
 
 
-def turning_the_beacon(z: Linearised, beacon_e: Array) -> Linearised:
+def turning_the_beacon(z: Linearised, beacon_e: Array, turning: Array) -> Linearised:
     """The same position for a right-invariant error of any size.  # (M.139)
 
-    Its derivative at the estimate turns the place that the fix gives. That place may be far from
-    the beacon; what the error turns is the beacon.
+    Its derivative at the estimate turns the place that the fix gives, as far as the told axes turn
+    (`gateway.fusion.axes`). That place may be far from the beacon; what the error turns is the
+    beacon.
     """
     lat, lon, _ = ecef_to_lla(beacon_e)
     H = z.H.copy()
-    H[:, ATT] += skew(z.residual) @ C_en(lat, lon).T
+    H[:, ATT] += skew(z.residual) @ C_en(lat, lon).T @ turning
     return replace(z, H=H)
 
 

@@ -18,6 +18,7 @@ from gateway.fusion import (
     usbl,
     velocity,
 )
+from gateway.fusion.axes import told_axes
 from gateway.fusion.errors import RIGHT, ErrorDefinition
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.radial_velocity import Doppler
@@ -26,6 +27,7 @@ from gateway.fusion.robust import Kind as RobustKind
 from gateway.fusion.state import State
 from gateway.messages import (
     Acoustic,
+    BeaconPlace,
     BeaconRange,
     BottomVelocity,
     Depth,
@@ -38,7 +40,7 @@ from gateway.messages import (
     UsblFix,
     VelocityFix,
 )
-from gateway.nav.earth import C_en, lla_to_ecef
+from gateway.nav.earth import C_en, ecef_to_lla, lla_to_ecef
 
 Array = NDArray[np.float64]
 
@@ -73,6 +75,10 @@ class AcousticArray:
     rate_sigma: float = 0.05
     elements_u: Array = field(default_factory=lambda: np.zeros((1, 3)))
     rates_by_element: bool = False
+    sensor_sd: tuple[float, float] = (0.0, 0.0)
+    """White noise (rad) of level and heading of the instrument's own motion sensor."""
+    goes_by_us: bool = False
+    """Whether it turns and places its fixes by this gateway's solution instead."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,7 @@ class Model:
 def observe(model: Model, state: State, fix: Fix, track: Track) -> Linearised | str:
     """Linearise a measurement at the state of its time, or say in a word why it has no model."""
     match fix:
-        case UsblFix() | BeaconRange() | RadialRate():
+        case UsblFix() | BeaconPlace() | BeaconRange() | RadialRate():
             return _observe_sound(model, state, fix, track)
         case _:
             return _observe_vehicle(model.mount(fix.device), state, fix)
@@ -150,7 +156,10 @@ def place(model: Model, state: State, fix: Fix, track: Track) -> Linearised | No
         return None
     if model.error.kind != RIGHT:
         return z
-    return loose.turning_the_beacon(z, model.beacons[fix.beacon].r_e)
+    array = model.arrays[fix.device]
+    axes = told_axes(state, array.geometry.C_bu, "array" if array.goes_by_us else fix.axes)
+    assert axes is not None  # or there were no z
+    return loose.turning_the_beacon(z, model.beacons[fix.beacon].r_e, axes.turning)
 
 
 def _observe_vehicle(mount: Mount, state: State, fix: OfTheVehicle) -> Linearised | str:
@@ -180,13 +189,12 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
         return "unknown_beacon"
     match fix:
         case UsblFix():
-            rows = (fix.elevation, fix.bearing, fix.slant_range)
-            measured = np.array([np.nan if v is None else v for v in rows])
             transmit = _transmit(model, beacon, fix.t_ns, None, fix.slant_range, track)
-            sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
-            if model.loose is None:
-                return usbl.linearise(state, array.geometry, sight) or "geometry"
-            return loose.linearise(state, array.geometry, sight, model.loose.sigma) or "geometry"
+            return _sighted(model, state, array, _sighting(array, beacon, fix, transmit))
+        case BeaconPlace():
+            if not array.goes_by_us:
+                return "place"
+            return _placed(model, state, fix, track) or "geometry"
         case BeaconRange():
             sent, range_m = fix.t_transmit_ns, fix.slant_range
             transmit = _transmit(model, beacon, fix.t_ns, sent, range_m, track)
@@ -197,6 +205,48 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
             doppler = Doppler(rates, array.rate_sigma, beacon.r_e, array.rates_by_element)
             z = radial_velocity.linearise(state, array.geometry, array.elements_u, doppler)
             return z or "elements"
+
+
+def _sighting(
+    array: AcousticArray, beacon: Transponder, fix: UsblFix, transmit: Past | None
+) -> usbl.Sighting:
+    """A fix as measured."""
+    rows = (fix.elevation, fix.bearing, fix.slant_range)
+    measured = np.array([np.nan if v is None else v for v in rows])
+    return usbl.Sighting(measured, array.sigma, beacon.r_e, transmit, fix.axes, array.sensor_sd)
+
+
+def _sighted(
+    model: Model, state: State, array: AcousticArray, told: usbl.Sighting
+) -> Linearised | str:
+    """Linearise a fix in the axes in which it was measured, tightly or loosely."""
+    sight: usbl.Sighting | None = told
+    if array.goes_by_us and told.axes != "array":
+        sight = usbl.turned_back(state, array.geometry, told)
+    if sight is None:
+        return "geometry"
+    if model.loose is None:
+        return usbl.linearise(state, array.geometry, sight) or "geometry"
+    return loose.linearise(state, array.geometry, sight, model.loose.sigma) or "geometry"
+
+
+def _placed(model: Model, state: State, fix: BeaconPlace, track: Track) -> Linearised | None:
+    """Linearise a beacon's place that was told by our own solution: north and east.  # (M.165)
+
+    The chart's height completes it to a fix, and down is left out again.
+    """
+    array, beacon = model.arrays[fix.device], model.beacons[fix.beacon]
+    C_bu, lever_b = array.geometry.C_bu, array.geometry.lever_b + state.lever_b
+    _, _, height = ecef_to_lla(beacon.r_e)
+    told_e = lla_to_ecef(fix.lat, fix.lon, float(height))
+    r_u = (state.C_eb @ C_bu).T @ (told_e - state.r_e - state.C_eb @ lever_b)
+    range_m = float(np.linalg.norm(r_u))
+    measured = np.array([*usbl.angles(tuple(r_u.tolist())), range_m])
+    transmit = _transmit(model, beacon, fix.t_ns, None, range_m, track)
+    sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
+    sigma_m = None if model.loose is None else model.loose.sigma
+    z = loose.linearise(state, array.geometry, sight, sigma_m)
+    return z and Linearised(z.residual[:2], z.H[:2], z.R[:2, :2], z.names[:2])
 
 
 def _transmit(

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.fusion.axes import about_down
 from gateway.fusion.observation import Model
+from gateway.fusion.usbl import direction
 from gateway.messages import Fix, UsblFix
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -26,16 +28,17 @@ def seen_heading(fix: Fix, model: Model, C_lb: Array, r_e: Array) -> tuple[float
     -------
     heading, weight
         rad, and the horizontal distance (m), which a wrong position is to be compared with. None
-        for what is no sight of a known beacon.
+        for what is no sight of a known beacon, or one that a topside has turned north.
     """
     if not isinstance(fix, UsblFix) or fix.bearing is None or fix.elevation is None:
         return None
     array, beacon = model.arrays.get(fix.device), model.beacons.get(fix.beacon)
-    if array is None or beacon is None:
+    if array is None or beacon is None or fix.axes == "north":
         return None
-    level = np.cos(fix.elevation)
-    sight_u = [level * np.cos(fix.bearing), level * np.sin(fix.bearing), -np.sin(fix.elevation)]
-    seen = C_lb @ array.geometry.C_bu @ sight_u
+    C_lu = C_lb @ array.geometry.C_bu
+    if fix.axes == "level":
+        C_lu = about_down(float(np.arctan2(C_lu[1, 0], C_lu[0, 0])))
+    seen = C_lu @ direction(fix.elevation, fix.bearing)
     lat, lon, _ = ecef_to_lla(r_e)
     there = C_en(lat, lon).T @ (beacon.r_e - r_e)
     heading = np.arctan2(there[1], there[0]) - np.arctan2(seen[1], seen[0])

@@ -1,15 +1,17 @@
 """Tight coupling of an acoustic fix: elevation, bearing and slant range of a moored beacon.
 
 Seed 000 (2.2) with the array's lever arm, mounting error, angle offsets, range scale and, where
-they are estimated, the errors of the lever arm and of the declared latency.  # (M.40)-(M.46)
+they are estimated, the errors of the lever arm and of the declared latency; in the array's axes or
+in axes that the instrument has levelled or turned north.  # (M.40)-(M.46), (M.160)-(M.163)
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.fusion.axes import AxesName, nominal_axes, told_axes
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.kinematics import add_latency, earlier
 from gateway.fusion.ranging import Past, range_row
@@ -24,7 +26,7 @@ from gateway.fusion.state import (
     State,
 )
 from gateway.nav.compiled import compiled
-from gateway.nav.lie import exp_so3, left_jacobian, skew
+from gateway.nav.lie import skew
 
 Array = NDArray[np.float64]
 Vec = tuple[float, float, float]
@@ -61,12 +63,48 @@ class Sighting:
     beacon_e: Array
     transmit: Past | None
     """Where the array was when the ping left; None for a one-way range."""
+    axes: AxesName = "array"
+    """What elevation and bearing refer to."""
+    sensor_sd: tuple[float, float] = (0.0, 0.0)
+    """1-sigma (rad) of level and heading of the motion sensor that has turned them."""
+
+    def sensor_variance(self) -> Array:
+        """(3,) rad^2: by how much the axes are wrong about their own x, y, z."""
+        tilt, heading = self.sensor_sd
+        match self.axes:
+            case "array":
+                return np.zeros(3)
+            case "level":
+                return np.array([tilt**2, tilt**2, 0.0])
+            case "north":
+                return np.array([tilt**2, tilt**2, heading**2])
 
 
 def angles(r_u: Vec) -> tuple[float, float]:
     """Elevation (up) and bearing (to starboard) of a point in array axes, rad.  # (M.41)"""
     x, y, z = r_u
     return math.atan2(-z, math.hypot(x, y)), math.atan2(y, x)
+
+
+def turned_back(state: State, geometry: ArrayGeometry, sight: Sighting) -> Sighting | None:
+    """The sighting that an instrument turned by our own attitude, in the array's axes again.
+
+    None without both angles: what was turned is a direction.  # (M.164)
+    """
+    state, _ = earlier(state)
+    nominal = nominal_axes(state, geometry.C_bu, sight.axes)
+    if nominal is None or np.isnan(sight.measured[:2]).any():
+        return None
+    C_ua = (state.C_eb @ geometry.C_bu).T @ nominal[0]
+    told = direction(*sight.measured[:2].tolist())
+    measured = np.array([*angles(tuple((C_ua @ told).tolist())), sight.measured[RANGE]])
+    return replace(sight, measured=measured, axes="array")
+
+
+def direction(elevation: float, bearing: float) -> Array:
+    """(3,) unit vector that lies so; the inverse of `angles`."""
+    level = math.cos(elevation)
+    return np.array([level * math.cos(bearing), level * math.sin(bearing), -math.sin(elevation)])
 
 
 def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Linearised | None:
@@ -80,11 +118,14 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     measured = sight.measured
     lever_b = geometry.lever_b + state.lever_b
     d_e = sight.beacon_e - state.r_e
-    r_u = _angle_rows(state.C_eb, state.theta, geometry.C_bu, lever_b, d_e, H)
-    if math.hypot(r_u[0], r_u[1]) < MIN_HORIZONTAL * math.hypot(*r_u):
+    axes = told_axes(state, geometry.C_bu, sight.axes)
+    if axes is None:
+        return None
+    r_a, A = _angle_rows(state.C_eb, *axes, lever_b, d_e, H)
+    if math.hypot(r_a[0], r_a[1]) < MIN_HORIZONTAL * math.hypot(*r_a):
         measured = measured.copy()
         measured[BEARING] = np.nan
-    h[:2] = angles(r_u) + state.angle_offsets
+    h[:2] = angles(r_a) + state.angle_offsets
     h[RANGE] = range_row(state, lever_b, sight.beacon_e, sight.transmit, H[RANGE])
     add_latency(state, omega_e, H)
     rows = np.flatnonzero(~np.isnan(measured))
@@ -94,28 +135,50 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     residual[BEARING] = (residual[BEARING] + math.pi) % math.tau - math.pi
     H = np.ascontiguousarray(H[rows][:, state.columns])
     names = tuple(ROW_NAMES[i] for i in rows)
-    return Linearised(residual[rows], H, np.diag(sight.sigma[rows] ** 2), names)
+    R = np.diag(sight.sigma**2)
+    if sight.axes != "array":
+        R[:2, :2] += _noise_of_sensor(A, np.array(r_a), sight.sensor_variance())
+    return Linearised(residual[rows], H, R[np.ix_(rows, rows)], names)
+
+
+def _noise_of_sensor(A: Array, r_a: Array, variance: Array) -> Array:
+    """(2, 2) of elevation and bearing by axes that are turned a little.  # (M.163)"""
+    turned = A @ skew(r_a)
+    noise: Array = turned * variance @ turned.T
+    return noise
 
 
 @compiled
 def _angle_rows(
-    C_eb: Array, theta: Array, C_bu: Array, lever_b: Array, d_e: Array, H: Array
-) -> Vec:
-    """Fill the rows of elevation and bearing; give the beacon in array axes (m).  # (M.40)-(M.43)
+    C_eb: Array,
+    C_ea: Array,
+    turning: Array,
+    by_mounting: Array,
+    lever_b: Array,
+    d_e: Array,
+    H: Array,
+) -> tuple[Vec, Array]:
+    """Fill the rows of elevation and bearing.  # (M.40)-(M.43), (M.162)
 
     ``Exp(theta + d)^T r = Exp(theta)^T (r + [r]x J d)``, so the left Jacobian of theta enters.
+
+    Returns
+    -------
+    r_a, A
+        The beacon in the told axes (m), and the (2, 3) derivative of the angles there.
     """
-    C_ub = C_bu.T @ exp_so3(theta).T
+    C_ab = C_ea.T @ C_eb
     r_b = C_eb.T @ d_e - lever_b
-    x, y, z = C_ub @ r_b
+    x, y, z = C_ab @ r_b
     L2 = max(x * x + y * y, 1e-12)
     L, R2 = math.sqrt(L2), L2 + z * z
-    A_u = np.array([[x * z / (R2 * L), y * z / (R2 * L), -L / R2], [-y / L2, x / L2, 0.0]])
-    A_b = A_u @ C_ub
+    A = np.array([[x * z / (R2 * L), y * z / (R2 * L), -L / R2], [-y / L2, x / L2, 0.0]])
+    A_b = A @ C_ab
     M = A_b @ C_eb.T
-    H[:2, ATT] = M @ skew(d_e)
+    l_e = C_eb @ lever_b
+    H[:2, ATT] = M @ (skew(d_e - l_e) @ turning + skew(l_e))
     H[:2, POS] = -M
-    H[:2, THETA] = A_b @ skew(r_b) @ left_jacobian(theta)
+    H[:2, THETA] = A_b @ skew(r_b) @ by_mounting
     H[:2, LEVER] = -A_b
     H[ELEVATION, DALPHA] = H[BEARING, DBETA] = 1.0
-    return x, y, z
+    return (x, y, z), A

@@ -10,7 +10,10 @@ from drivers.records import Record, Rejected, TimeDifference, UsblRecord
 from gateway.config import UsblDevice
 from gateway.fusion.direction_cosines import direction, in_range
 from gateway.ingest.device import DeviceIngest
-from gateway.messages import Measurement, RadialRate, UsblFix
+from gateway.messages import BeaconPlace, Measurement, RadialRate, UsblFix
+
+AGAIN_NS = 300_000_000
+"""A fix of the same beacon in other words within this is the same fix."""
 
 Array = NDArray[np.float64]
 Angles = tuple[float | None, float | None]
@@ -20,17 +23,21 @@ Angles = tuple[float | None, float | None]
 class UsblIngest(DeviceIngest):
     """Acoustic records to fixes at the moment the reply reached the array.
 
-    A radial rate is a measurement of its own: it stands where the fix beside it is not valid.
+    A radial rate is a measurement of its own: it stands where the fix beside it is not valid. Of an
+    instrument that says each fix several times (from the head, from north, as a latitude and
+    longitude), the way it was said first is the one that counts.
     """
 
     def __init__(self, name: str, device: UsblDevice, sound_speed_m_s: float) -> None:
         super().__init__(device)
         self._name = name
         self._sound_speed = sound_speed_m_s
+        self._places = device.navigates_by == "gateway"
         self._by_differences = device.direction == "differences"
         self._below = device.looks == "down"
         self._limits = device.range_limits_m or (0.0, math.inf)
         self._elements = {str(k): np.array(at) for k, at in enumerate(device.elements_m, 1)}
+        self._said: dict[str, tuple[str, int]] = {}
         self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
@@ -57,10 +64,29 @@ class UsblIngest(DeviceIngest):
         self.counts.measurements += len(fixes)
         return fixes
 
-    def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix | str | None:
+    def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix | BeaconPlace | str | None:
         """One fix at its time of validity, or why there is none; None where a rate is all."""
         if not record.valid:
             return record.error_code or "invalid"
+        place = _place(record)
+        if place is not None and not self._places:
+            return "place"
+        if self._is_again(record.beacon, record.axes if place is None else "place", t_ns):
+            return "repeated"
+        if place is not None:
+            return BeaconPlace(t_ns, self._name, record.beacon, *place)
+        return self._sighting(record, t_ns)
+
+    def _is_again(self, beacon: str, words: str, t_ns: int) -> bool:
+        """Whether the last fix of a beacon is said in other words; otherwise it is noted."""
+        before, t_before_ns = self._said.get(beacon, (words, t_ns))
+        if words != before and abs(t_ns - t_before_ns) < AGAIN_NS:
+            return True
+        self._said[beacon] = words, t_ns
+        return False
+
+    def _sighting(self, record: UsblRecord, t_ns: int) -> UsblFix | str | None:
+        """A direction, a range or both, or why there are none."""
         angles, slant_range = self._angles(record), record.slant_range_m
         if isinstance(angles, str):
             return angles
@@ -68,13 +94,12 @@ class UsblIngest(DeviceIngest):
             return None if record.range_rate_m_s is not None else "no_sighting"
         if slant_range is not None and not in_range(slant_range, *self._limits):
             return "range"
-        return UsblFix(t_ns, self._name, record.beacon, *angles, slant_range)
+        axes = "array" if self._by_differences else record.axes
+        return UsblFix(t_ns, self._name, record.beacon, *angles, slant_range, axes)
 
     def _angles(self, record: UsblRecord) -> Angles | str:
-        """Elevation and bearing in array axes, or why there are none."""
+        """Elevation and bearing, or why there are none; of differences they are the array's own."""
         if not self._by_differences:
-            if record.axes != "array":
-                return "not_array_axes"
             return _radians(record.elevation_deg), _radians(record.bearing_deg)
         if record.differences is UNSET:
             return None, None
@@ -91,6 +116,15 @@ class UsblIngest(DeviceIngest):
             return None
         baseline = self._elements[heard.element] - self._elements[heard.than]
         return baseline[:2], heard.delay_s
+
+
+def _place(record: UsblRecord) -> tuple[float, float] | None:
+    """Latitude and longitude (rad), where they are all that a record says of a beacon."""
+    if record.bearing_deg is not None or record.slant_range_m is not None:
+        return None
+    if record.lat_deg is UNSET or record.lon_deg is UNSET:
+        return None
+    return math.radians(record.lat_deg), math.radians(record.lon_deg)
 
 
 def _radians(degrees: float | None) -> float | None:

@@ -84,12 +84,12 @@ def run(seed: int, error: str = "right_invariant", angle_factor: float = 1.0) ->
     return Run(
         np.array([v.nis for v in innovations]),
         np.array([len(v.components) for v in innovations]),
-        np.array([_judge(voyage, states[k]) for k in JUDGED_S]),
+        np.array([judge(voyage, states[k]) for k in JUDGED_S]),
         len(states[0].columns) // 8,
     )
 
 
-def _judge(voyage: Voyage, saved: SavedState) -> list[float]:
+def judge(voyage: Voyage, saved: SavedState) -> list[float]:
     """NEES of position, of the pose and of all states."""
     estimate = state_of(saved)
     P = estimate.P
@@ -118,7 +118,9 @@ class Statistic:
         return self.low < self.value < self.high
 
 
-def statistics(runs: list[Run], probability: float = 0.95) -> list[Statistic]:
+def statistics(
+    runs: list[Run], probability: float = 0.95, judged_s: tuple[int, ...] = JUDGED_S
+) -> list[Statistic]:
     """NEES at each time, NIS over everything; a consistent filter has all of them inside.
 
     The bounds hold for all together with `probability` (Bonferroni).
@@ -128,7 +130,7 @@ def statistics(runs: list[Run], probability: float = 0.95) -> list[Statistic]:
     names = ("position", "pose", "all states")
     squares = [
         (f"NEES of {name}, {t} s", nees[i, j] / dof, dof * len(runs))
-        for i, t in enumerate(JUDGED_S)
+        for i, t in enumerate(judged_s)
         for j, (name, dof) in enumerate(zip(names, freedom, strict=True))
     ]
     rows = int(sum(r.rows.sum() for r in runs))

@@ -4,6 +4,7 @@ import math
 from itertools import groupby
 from operator import attrgetter
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -319,6 +320,11 @@ def test_what_is_no_sample_is_counted():
 # --- acoustic fixes --------------------------------------------------------------------------
 
 
+HERE = {"bearing_deg": None, "elevation_deg": None, "slant_range_m": None}
+HERE |= {"lat_deg": float(np.degrees(0.5)), "lon_deg": float(np.degrees(-1.2)), "depth_m": 40.0}
+"""A beacon's place on the Earth, and nothing of how it is seen."""
+
+
 def sighting(**changes):
     fields = {"beacon": "1", "bearing_deg": 90.0, "elevation_deg": -30.0, "slant_range_m": 87.0}
     return UsblRecord(t_rx_ns=T0, **(fields | changes))
@@ -393,7 +399,7 @@ def test_a_range_out_of_its_limits_is_no_fix():
     [
         ({"valid": False, "error_code": "32"}, "32"),
         ({"valid": False}, "invalid"),
-        ({"axes": "north"}, "not_array_axes"),
+        (HERE, "place"),
         ({"bearing_deg": None, "slant_range_m": None}, "no_sighting"),
     ],
 )
@@ -402,6 +408,42 @@ def test_a_record_that_is_no_fix_says_why(changes, reason):
     ingest.take(sighting(**changes))
     assert ingest.flush() == []
     assert dict(ingest.counts.ignored) == {reason: 1}
+
+
+@pytest.mark.parametrize("axes", ["array", "level", "north"])
+def test_a_fix_keeps_the_axes_in_which_it_is_told(axes):
+    ingest = usbl()
+    ingest.take(sighting(axes=axes))
+    (fix,) = ingest.flush()
+    assert (fix.axes, fix.bearing) == (axes, pytest.approx(np.pi / 2.0))
+
+
+def test_a_place_told_by_our_own_solution_is_a_fix():
+    ingest = usbl(navigates_by="gateway")
+    ingest.take(sighting(**HERE))
+    (fix,) = ingest.flush()
+    assert (fix.beacon, fix.lat, fix.lon) == ("1", pytest.approx(0.5), pytest.approx(-1.2))
+
+
+def test_what_is_said_again_in_other_words_is_one_fix():
+    """A topside that tells each fix by the bow, by north and on the Earth, every second."""
+    ingest = usbl(navigates_by="gateway")
+    for second in range(3):
+        for k, words in enumerate(({"axes": "level"}, {"axes": "north"}, HERE)):
+            for beacon in ("1", "2"):
+                told = sighting(**words, beacon=beacon)
+                t_rx_ns = T0 + second * 1_000_000_000 + k * 80_000_000
+                ingest.take(msgspec.structs.replace(told, t_rx_ns=t_rx_ns))
+    assert [f.axes for f in ingest.flush()] == ["level"] * 6
+    assert dict(ingest.counts.ignored) == {"repeated": 12}
+
+
+def test_a_topside_may_change_its_words():
+    ingest = usbl()
+    for second, axes in enumerate(("level", "level", "north", "north")):
+        told = sighting(axes=axes)
+        ingest.take(msgspec.structs.replace(told, t_rx_ns=T0 + second * 1_000_000_000))
+    assert [f.axes for f in ingest.flush()] == ["level", "level", "north", "north"]
 
 
 def test_a_rate_alone_is_a_measurement():

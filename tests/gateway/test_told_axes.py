@@ -1,0 +1,189 @@
+"""Fixes in axes that a topside has levelled or turned north: derivatives, and by whose attitude.
+
+North turns with the position, tan(lat) / R_e a metre, which the models leave out.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gateway.fusion import loose, usbl
+from gateway.fusion.axes import nominal_axes, told_axes
+from gateway.fusion.errors import FAMILY
+from gateway.fusion.observation import AcousticArray, Model, Transponder, observe
+from gateway.fusion.state import LATENCY, POS, State
+from gateway.messages import BeaconPlace, UsblFix
+from gateway.nav import earth
+from tests.gateway.states import NAMES, ORIGIN, error_map, random_state
+from tests.gateway.test_models_jacobians import (
+    LATENCY_IN_MEAN,
+    LEVER,
+    LONG,
+    SIGMA,
+    case,
+    derivative,
+    relative_error,
+)
+
+R_E = 6.3e6
+AXES = ["level", "north"]
+
+
+def sight_of(c, axes, y=None):
+    state = c.state if y is None else y
+    measured = np.array([-0.5, 0.3, np.linalg.norm(c.beacon_e - c.state.r_e)])
+    return usbl.Sighting(measured, SIGMA, c.beacon_e, c.past(state), axes)
+
+
+def seen(c, axes):
+    """A case whose beacon lies where it has a bearing in the told axes."""
+    C_ea = told_axes(c.state, c.geometry.C_bu, axes).C_ea
+    range_m = np.linalg.norm(c.beacon_e - c.state.r_e)
+    beacon_e = c.state.r_e + range_m * C_ea @ usbl.direction(-0.5, 0.3)
+    return replace(c, beacon_e=beacon_e)
+
+
+MODELS = {
+    "tight": lambda c, y, axes: usbl.linearise(y, c.geometry, sight_of(c, axes, y)),
+    "loose": lambda c, y, axes: loose.linearise(y, c.geometry, sight_of(c, axes, y), None),
+}
+
+
+@pytest.mark.parametrize("definition", NAMES)
+@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("seed", range(2))
+def test_every_column_is_the_derivative(definition, axes, name, seed):
+    c = case(seed, range_m=150.0)
+    c.state.x[LATENCY_IN_MEAN] = 0.0
+    c = seen(c, axes)
+    z = MODELS[name](c, c.state, axes)
+    T = error_map(FAMILY[definition], c.state)
+    found = derivative(
+        lambda y: MODELS[name](c, y, axes).residual, c.state, FAMILY[definition], LONG
+    )
+    left_out = (found - z.H @ T) @ np.linalg.inv(T)
+    scale = 1.0 if name == "tight" else np.linalg.norm(z.residual) + 150.0
+    assert np.abs(left_out[:, POS]).max() < 4.0 * scale / R_E
+    found = found - left_out[:, POS] @ T[POS]
+    found[:, LATENCY] += left_out[:, POS] @ c.state.v_eb_e
+    assert relative_error(z.H @ T, found) < 1e-6
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_an_array_that_stands_upright_is_not_level(axes):
+    c = case(1)
+    lat, lon, _ = earth.ecef_to_lla(c.state.r_e)
+    up = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    C_bu = c.state.C_eb.T @ earth.C_en(lat, lon) @ up
+    c = replace(c, geometry=usbl.ArrayGeometry(LEVER, C_bu))
+    z = usbl.linearise(c.state, c.geometry, sight_of(c, axes))
+    assert (z is None) is (axes == "level")
+
+
+def test_north_says_nothing_of_a_heading_seen_from_the_imu():
+    """A place by a topside's own attitude: no attitude of ours is in it but by the lever arm."""
+    state = random_state(np.random.default_rng(2))
+    state.theta[:] = state.lever_b[:] = 0.0
+    beacon_e = state.r_e + np.array([50.0, 60.0, -20.0])
+    sight = usbl.Sighting(np.array([-0.5, 0.3, 80.0]), SIGMA, beacon_e, None, "north")
+    z = usbl.linearise(state, usbl.ArrayGeometry(np.zeros(3), np.eye(3)), sight)
+    np.testing.assert_allclose(z.H[:, :3], 0.0, atol=1e-12)
+    assert np.linalg.matrix_rank(z.H[:, POS]) == 3
+
+
+def test_level_says_of_the_attitude_what_a_heading_is():
+    """Turning about the vertical turns the bearing; tilting turns nothing, but for the lever."""
+    lat, lon = 0.8, 2.2
+    C_en = earth.C_en(lat, lon)
+    state = State.at(C_en, np.zeros(3), earth.lla_to_ecef(lat, lon, 0.0), np.eye(25))
+    beacon_e = state.r_e + C_en @ np.array([80.0, 30.0, 40.0])
+    sight = usbl.Sighting(np.array([-0.4, 0.3, 90.0]), SIGMA, beacon_e, None, "level")
+    z = usbl.linearise(state, usbl.ArrayGeometry(np.zeros(3), np.eye(3)), sight)
+    np.testing.assert_allclose(z.H[:, :3] @ C_en, [[0, 0, 0], [0, 0, -1], [0, 0, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 0.5])
+def test_an_error_of_the_motion_sensor_is_that_of_the_angles(tilt_deg):
+    """Against draws: small turns of the level axes, of a beacon 60 degrees down."""
+    rng = np.random.default_rng(1)
+    at = usbl.direction(-np.radians(60.0), 0.4)
+    sd = np.radians([tilt_deg, 0.7])
+    turns = rng.normal(size=(40_000, 3)) * [sd[0], sd[0], sd[1]]
+    x, y, z = Rotation.from_rotvec(turns).apply(at).T
+    drawn = np.cov(np.arctan2(-z, np.hypot(x, y)), np.arctan2(y, x))
+    state = random_state(np.random.default_rng(3))
+    state.theta[:] = state.lever_b[:] = 0.0
+    state.x[LATENCY_IN_MEAN] = 0.0
+    geometry = usbl.ArrayGeometry(np.zeros(3), np.eye(3))
+    C_ea, _ = nominal_axes(state, geometry.C_bu, "north")
+    beacon_e = state.r_e + 100.0 * C_ea @ at
+    tiny = np.full(3, 1e-9)
+    sight = usbl.Sighting(np.array([-1.0, 0.4, 100.0]), tiny, beacon_e, None, "north", tuple(sd))
+    R = usbl.linearise(state, geometry, sight).R[:2, :2]
+    scale = np.sqrt(np.outer(R.diagonal() + 1e-12, R.diagonal() + 1e-12))
+    np.testing.assert_allclose((R - drawn) / scale, 0.0, atol=0.03)
+
+
+def follower(state, loose_=None):
+    """A model whose topside goes by us, of an array mounted anyhow, and where its beacon is."""
+    C_bu = Rotation.from_euler("zyx", [0.7, -0.1, 0.2]).as_matrix()
+    geometry = usbl.ArrayGeometry(LEVER, C_bu)
+    beacon_e = state.r_e + state.C_eb @ np.array([60.0, 25.0, 70.0])
+    array = AcousticArray(geometry, SIGMA, goes_by_us=True)
+    return Model(
+        error=FAMILY["additive"],
+        q=np.zeros(4),
+        gate=0.999,
+        sound_speed=1500.0,
+        arrays={"usbl0": array},
+        beacons={"1": Transponder(beacon_e, 0.0, False)},
+        loose=loose_,
+    )
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_what_was_turned_by_us_is_turned_back(axes):
+    """Angles in the array's axes, and the same told by our own attitude: one measurement."""
+    state = random_state(np.random.default_rng(4))
+    model = follower(state)
+    C_bu = model.arrays["usbl0"].geometry.C_bu
+    C_na, _ = nominal_axes(state, C_bu, axes)
+    r_u = usbl.direction(-0.6, 0.5)
+    told = usbl.angles(tuple(C_na.T @ state.C_eb @ C_bu @ r_u))
+    state.x[LATENCY_IN_MEAN] = 0.0
+    raw = observe(model, state, UsblFix(0, "usbl0", "1", -0.6, 0.5, 97.0), None)
+    ours = observe(model, state, UsblFix(0, "usbl0", "1", *told, 97.0, axes), None)
+    np.testing.assert_allclose(ours.residual, raw.residual, atol=1e-12)
+    np.testing.assert_array_equal(ours.H, raw.H)
+    part = UsblFix(0, "usbl0", "1", None, told[1], 97.0, axes)
+    assert observe(model, state, part, None) == "geometry"
+
+
+def test_a_beacons_place_told_by_us_is_ours_relative_to_it():
+    """It lies off the chart by what our position is wrong by, to the other side."""
+    state = random_state(np.random.default_rng(5))
+    state.theta[:] = state.angle_offsets[:] = state.lever_b[:] = 0.0
+    state.x[LATENCY_IN_MEAN] = 0.0
+    state.x[LATENCY_IN_MEAN - 4] = 0.0
+    model = follower(state)
+    b_e = model.beacons["1"].r_e
+    lat, lon, _ = earth.ecef_to_lla(b_e)
+    off_n = np.array([1.5, -2.5, 0.0])
+    off_lat, off_lon, _ = earth.ecef_to_lla(b_e + earth.C_en(lat, lon) @ off_n)
+    fix = BeaconPlace(0, "usbl0", "1", float(off_lat), float(off_lon))
+    z = observe(model, state, fix, None)
+    assert z.names == ("north_m", "east_m")
+    np.testing.assert_allclose(z.residual, off_n[:2], atol=1e-5)
+    np.testing.assert_allclose(z.H[:, POS], earth.C_en(lat, lon).T[:2], atol=1e-9)
+
+
+def test_a_place_by_a_topside_of_its_own_says_nothing_of_us():
+    state = random_state(np.random.default_rng(6))
+    model = follower(state)
+    array = model.arrays["usbl0"]
+    model.arrays["usbl0"] = replace(array, goes_by_us=False)
+    assert observe(model, state, BeaconPlace(0, "usbl0", "1", 0.1, 0.2), None) == "place"
+    assert np.linalg.norm(state.r_e - ORIGIN) < 2e3
