@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from drivers.capture.streams import Payload
 from gateway.config import Config
 from gateway.errors import UsblnavError
 from gateway.fusion.initial import initial_state
@@ -84,7 +85,7 @@ def run(
             )
             for name in filters or (config.filter.error,)
         }
-        for measurement in _measurements(traffic, devices):
+        for measurement in measurements(traffic, devices):
             for one in runs.values():
                 one.take(measurement)
             tell("reading" if smooth else "replaying", traffic.share)
@@ -215,7 +216,9 @@ class _Run:
         }
 
 
-def _measurements(traffic: Traffic, devices: dict[str, Intake]) -> Iterator[Measurement]:
+def measurements(
+    traffic: Iterable[Payload | Pulse], devices: dict[str, Intake]
+) -> Iterator[Measurement]:
     """Measurements in the order in which their bytes arrived."""
     gathered: str | None = None
     chunks = 0

@@ -45,8 +45,13 @@ def load(path: Path) -> Scenario:
     ConfigError
         With every fault found, each with its path in the file.
     """
+    return sound(read_yaml(path), path)
+
+
+def sound(data: Any, path: Path | None = None) -> Scenario:
+    """Make a scenario of plain data, as `load` does of a file."""
     faults: list[str] = []
-    scenario = build(Scenario, read_yaml(path), faults)
+    scenario = build(Scenario, data, faults)
     if scenario is None:
         raise ConfigError(faults, path)
     faults.extend(_missing(scenario))

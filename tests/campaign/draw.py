@@ -1,0 +1,249 @@
+"""One mission by its seed and number: a vehicle, its instruments, its way, and what goes wrong."""
+
+from typing import Any
+
+from gateway.emulator.streams import generator
+
+Data = dict[str, Any]
+
+START = 1_780_000_000.0
+LAT_DEG, LON_DEG = 39.8, 116.2
+
+IMUS: dict[str, list[Data]] = {
+    "kvh1750": [{}, {"format": "b"}, {"format": "c", "gyro": "rate_deg_s", "accel": "delta_v_m_s"}],
+    "stim300": [{}, {"with_temperature": True, "gyro": "increment", "accel": "increment"}],
+    "novatel-span": [{"imu": "kvh1750"}, {"imu": "stim300", "log": "rawimux", "ascii": True}],
+    "vectornav": [{}, {"prefer": "rates"}],
+    "xsens-mtdata2": [{}, {"prefer": "rates"}],
+    "mip": [{}, {"prefer": "rates"}],
+    "sbg-ecom": [{}],
+    "anpp": [{}, {"with_time": True}],
+    "stdbin": [{}, {"version": 3}],
+}
+USBLS: dict[str, list[Data]] = {
+    "tracklink-lxt": [{}],
+    "tracklink-tp2": [{}],
+    "tracklink-log": [{}],
+    "evologics": [{}, {"framed": True}],
+    "psimssb": [{"levelled": False}],
+    "pazm3": [{"checksum": "required"}, {"elevation_positive": "up"}],
+    "usrth": [{}, {"elevation_positive": "down"}],
+    "seatrac": [{}],
+}
+ERRORS = ("right_invariant", "right_invariant", "left_invariant", "additive")
+GRADES: dict[str, tuple[Data, list[float]]] = {
+    "navigation": (
+        {
+            "angle_random_walk_deg_sqrt_h": 0.002,
+            "gyro_bias_deg_h": 0.02,
+            "velocity_random_walk_ug_sqrt_hz": 20.0,
+            "accel_bias_ug": 50.0,
+        },
+        [0.02, 0.02, 0.1],
+    ),
+    "tactical": (
+        {
+            "angle_random_walk_deg_sqrt_h": 0.02,
+            "gyro_bias_deg_h": 0.5,
+            "velocity_random_walk_ug_sqrt_hz": 60.0,
+            "accel_bias_ug": 500.0,
+        },
+        [0.1, 0.1, 0.5],
+    ),
+    "mems": (
+        {
+            "angle_random_walk_deg_sqrt_h": 0.15,
+            "gyro_bias_deg_h": 8.0,
+            "velocity_random_walk_ug_sqrt_hz": 60.0,
+            "accel_bias_ug": 2000.0,
+            "gyro_bias_correlation_s": 1000.0,
+            "accel_bias_correlation_s": 1000.0,
+        },
+        [0.5, 0.5, 2.0],
+    ),
+}
+
+
+class Dice:
+    """Draws of one mission."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        self._rng = generator(seed, "campaign", str(number))
+
+    def between(self, low: float, high: float) -> float:
+        """A number, to three digits: a scenario is read by people."""
+        return float(f"{self._rng.uniform(low, high):.3g}")
+
+    def whole(self, low: int, high: int) -> int:
+        """A whole number, both ends among them."""
+        return int(self._rng.integers(low, high + 1))
+
+    def one(self, *values: Any) -> Any:
+        return values[self._rng.integers(len(values))]
+
+    def chance(self, probability: float) -> bool:
+        return bool(self._rng.random() < probability)
+
+
+def mission(seed: int, number: int, longest_s: float = 600.0) -> tuple[Data, str]:
+    """The scenario of a mission as plain data, and its filter's error definition.
+
+    Codecs come in turn, all else is drawn.
+    """
+    dice = Dice(seed, number)
+    duration_s = round(dice.between(0.2 * longest_s, longest_s))
+    beacons = _beacons(dice)
+    imu, sigma = _imu(dice, list(IMUS)[number % len(IMUS)])
+    devices = {"imu0": imu, "usbl0": _usbl(dice, list(USBLS)[number % len(USBLS)])}
+    data = {
+        "seed": (seed * 1_000_003 + number) % 2**32,
+        "duration_s": duration_s,
+        "start": START,
+        "trajectory": _way(dice),
+        "devices": devices,
+        "beacons": beacons,
+        "sound_speed_m_s": dice.between(1450, 1540),
+        "initial": {
+            "sigma": {"position_m": [5.0, 5.0, 1.0], "velocity_m_s": 0.2, "attitude_deg": sigma}
+        },
+    }
+    return data | {"faults": _faults(dice, data)}, dice.one(*ERRORS)
+
+
+def _way(dice: Dice) -> Data:
+    """A way that stays about the beacons."""
+    speed = dice.between(0.5, 3.0)
+    common = {
+        "lat_deg": LAT_DEG,
+        "lon_deg": LON_DEG,
+        "height_m": dice.one(0.0, -10.0),
+        "speed_m_s": speed,
+        "ramp_s": dice.one(0.0, 20.0),
+        "sway": {
+            "roll": [{"amplitude": dice.between(0.5, 6), "period_s": dice.between(5, 9)}],
+            "pitch": [{"amplitude": dice.between(0.3, 3), "period_s": dice.between(5, 9)}],
+            "yaw": [{"amplitude": dice.between(0, 2), "period_s": dice.between(8, 15)}],
+            "heave": [{"amplitude": dice.between(0, 0.5), "period_s": dice.between(6, 10)}],
+        },
+    }
+    leg_m = dice.between(60, 150)
+    kinds: list[Data] = [
+        {
+            "type": "circle",
+            "radius_m": dice.between(30, 100),
+            "turn": dice.one("port", "starboard"),
+        },
+        {"type": "lawnmower", "leg_m": leg_m, "spacing_m": dice.between(25, 60)},
+        {"type": "line"},
+        {"type": "legs", "leg_m": leg_m, "turn_m": 40.0, "turns_deg": [90.0] * 40},
+    ]
+    chosen = dice.one(*kinds)
+    if chosen["type"] == "circle":
+        return common | chosen | {"start_bearing_deg": dice.between(0, 360)}
+    return common | chosen | {"course_deg": dice.between(0, 360)}
+
+
+def _beacons(dice: Dice) -> Data:
+    """One to three on the ground."""
+    return {
+        str(name): {
+            "lat_deg": LAT_DEG + dice.between(-60, 60) / 111_000,
+            "lon_deg": LON_DEG + dice.between(-60, 60) / 85_000,
+            "height_m": -dice.between(50, 150),
+            "turnaround_ms": dice.one(0.0, 30.0),
+        }
+        for name in range(1, dice.whole(1, 3) + 1)
+    }
+
+
+def _imu(dice: Dice, codec: str) -> tuple[Data, list[float]]:
+    noise, sigma = GRADES[dice.one(*GRADES)]
+    ports: list[Data] = [
+        {"type": "udp", "port": 7001},
+        {"type": "tcp-server", "port": 7001},
+        {"type": "pty", "symlink": "/tmp/campaign-imu0", "baud": 921600},
+    ]
+    model = {
+        "kind": "imu",
+        "codec": codec,
+        "options": dice.one(*IMUS[codec]),
+        "port": dice.one(*ports),
+        "rate_hz": dice.one(100.0, 125.0, 200.0),
+        "noise": noise,
+        "clock": {"source": dice.one("device", "arrival"), "latency_ms": dice.between(0, 5)},
+        "jitter_ms": dice.one(0.0, 0.5, 2.0),
+        "mounting_deg": dice.one([0, 0, 0], [180, 0, 0], [0, 0, 90]),
+    }
+    return model, sigma
+
+
+def _usbl(dice: Dice, codec: str) -> Data:
+    angle = dice.between(0.25, 1.0)
+    ports: list[Data] = [
+        {"type": "udp", "port": 7002},
+        {"type": "pty", "symlink": "/tmp/campaign-usbl0", "baud": dice.one(9600, 38400)},
+    ]
+    return {
+        "kind": "usbl",
+        "codec": codec,
+        "options": dice.one(*USBLS[codec]),
+        "port": dice.one(*ports),
+        "clock": {"source": "arrival", "latency_ms": dice.between(50, 800)},
+        "period_s": dice.between(1, 4),
+        "lever_arm_m": [dice.between(-2, 2), dice.between(-1, 1), dice.between(0, 2)],
+        "noise": {"bearing_deg": angle, "elevation_deg": angle, "range_m": dice.between(0.1, 0.4)},
+        "prior": {"mounting_deg": dice.one(0.0, 0.1, 0.5), "range_scale": dice.one(0.0, 0.002)},
+        "outliers": {"probability": dice.one(0.0, 0.0, 0.02, 0.05)},
+        "missed_probability": dice.one(0.0, 0.1),
+    }
+
+
+def _faults(dice: Dice, data: Data) -> list[Data]:
+    """None in one mission of eight, else up to four."""
+    if dice.chance(1 / 8):
+        return []
+    return [_fault(dice, data["duration_s"]) for _ in range(dice.whole(1, 4))]
+
+
+def _fault(dice: Dice, duration_s: float) -> Data:
+    kind = dice.one(*_OF_ANY, *_OF_IMU)
+    device = "imu0" if kind in _OF_IMU else dice.one("imu0", "usbl0")
+    block: Data = {"fault": kind, "device": device}
+    at_s = dice.between(20.0, duration_s - 20.0)
+    long = device == "usbl0"
+    match kind:
+        case "flip" | "truncate" | "junk" | "duplicate" | "reorder" | "drop":
+            if dice.chance(0.5):
+                block |= {"per_hour": dice.between(60, 1200), "for_s": dice.one(0.0, 0.1)}
+            else:
+                block |= {"at_s": at_s, "for_s": dice.between(0.1, 30.0 if long else 3.0)}
+                block |= {"probability": dice.one(0.1, 0.5, 1.0)}
+            if kind == "flip":
+                block |= {"bits": dice.one(1, 1, 2, 8)}
+            if kind == "junk":
+                block |= {"bytes": dice.one(4, 64, 600)}
+        case "unplug" | "power_cycle":
+            block |= {"at_s": at_s, "for_s": dice.between(0.5, 40.0 if long else 8.0)}
+        case "burst":
+            block |= {"at_s": at_s, "for_s": dice.between(0.1, 3.0)}
+        case "delay":
+            block |= {"at_s": at_s, "for_s": dice.between(0.5, 4.0)}
+            block |= {"delay_ms": dice.between(5, 300)}
+        case "jitter":
+            block |= {"at_s": at_s, "for_s": dice.between(1, 60), "mean_ms": dice.between(1, 20)}
+        case "clock_drift":
+            block |= {"at_s": at_s, "ppm": dice.between(-80, 80)}
+        case "clock_step":
+            block |= {"at_s": at_s, "step_s": dice.one(-1, 1) * dice.one(0.002, 0.3, 3.0, 500.0)}
+        case "clock_wrap":
+            block |= {"at_s": at_s}
+    return block
+
+
+_OF_ANY = (
+    *("flip", "truncate", "junk", "duplicate", "reorder", "drop"),
+    *("unplug", "power_cycle", "jitter"),
+)
+_OF_IMU = ("burst", "delay", "clock_drift", "clock_step", "clock_wrap")
+"""A sentence that is timed by its arrival cannot be known to be late: bursts and delays of fixes
+are a wrong latency, which no filter can see."""

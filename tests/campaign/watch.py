@@ -1,0 +1,118 @@
+"""Where each record of a device lay in its bytes: whether all of them became something."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from drivers.codec import Decoder
+from drivers.records import Record, Rejected
+from gateway.emulator.streams import Emission, Fate
+
+
+class WatchedDecoder:
+    """A device's decoder, with notes of where its records begin.
+
+    Every chunk must have a receive stamp of its own: it tells which chunk a record began in.
+    """
+
+    def __init__(self, decoder: Decoder) -> None:
+        self._decoder = decoder
+        self._ends: dict[int, int] = {}
+        self.total = 0
+        self.found: list[tuple[int, int | None]] = []
+        """Offset of each record; how long it is if it is rejected bytes."""
+
+    def feed(self, data: bytes, t_rx_ns: int) -> Iterator[Record | Rejected]:
+        self.total += len(data)
+        assert t_rx_ns not in self._ends
+        self._ends[t_rx_ns] = self.total
+        for record in self._decoder.feed(data, t_rx_ns):
+            self._note(record)
+            yield record
+
+    def close(self) -> Iterator[Record | Rejected]:
+        for record in self._decoder.close():
+            self._note(record)
+            yield record
+
+    def _note(self, record: Record | Rejected) -> None:
+        start = self._ends[record.t_rx_ns] - record.line_bytes
+        self.found.append((start, len(record.data) if isinstance(record, Rejected) else None))
+
+
+@dataclass
+class Units:
+    """What left a device, unit by unit: where each began, what it is, the how manieth frame."""
+
+    starts: list[int] = field(default_factory=list)
+    fates: list[Fate] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    total: int = 0
+    made: int = 0
+    _within: bool = False
+
+    def note(self, e: Emission) -> None:
+        """Take the next bytes, or a frame that is lost."""
+        if not self._within:
+            self.made += e.fate in ("damaged", "dropped") or (e.fate == "whole" and bool(e.data))
+            if e.data:
+                self.starts.append(self.total)
+                self.fates.append(e.fate)
+                self.numbers.append(self.made)
+        if e.data:
+            self._within = not e.last
+        self.total += len(e.data)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of the units of a device.
+
+    Attributes
+    ----------
+    decoded
+        Whole frames, repeated ones too, of which exactly a record was made.
+    beside
+        Whole frames lost because of what stood beside them: among the rejected bytes.
+    taken
+        Damaged frames, or junk, that were taken for good ones.
+    made
+        Frames that the device made from the first decoded to the last.
+    faults
+        What must not be: bytes that are in no record or in two.
+    """
+
+    decoded: int
+    beside: int
+    taken: int
+    made: int
+    faults: list[str]
+
+
+def judge(name: str, units: Units, watched: WatchedDecoder) -> Verdict:
+    """Lay the records over the units."""
+    faults = []
+    if units.total != watched.total:
+        faults.append(f"{name}: {units.total} bytes sent, {watched.total} taken")
+    frames: list[tuple[int, int]] = []
+    at, open_frame = 0, None
+    for start, rejected in [*watched.found, (watched.total, 0)]:
+        if open_frame is not None and start > open_frame:
+            frames.append((open_frame, start))
+            at, open_frame = start, None
+        if start != at:
+            faults.append(f"{name}: a record begins at byte {start}, the one before ends at {at}")
+        if rejected is None:
+            at = open_frame = start
+        else:
+            at = start + rejected
+    ends = [*units.starts[1:], units.total]
+    whole = {
+        (start, end)
+        for start, end, fate in zip(units.starts, ends, units.fates, strict=True)
+        if fate in ("whole", "repeated")
+    }
+    decoded = sum(frame in whole for frame in frames)
+    heard = [units.numbers[bisect_right(units.starts, start) - 1] for start, _ in frames]
+    made = max(heard[-3:]) - min(heard[:3]) + 1 if heard else 0
+    return Verdict(decoded, len(whole) - decoded, len(frames) - decoded, made, faults)
