@@ -1,5 +1,6 @@
 """Captures that nobody here made, replayed by the command: as accurate as their README states."""
 
+import json
 import re
 import subprocess
 import sys
@@ -60,3 +61,5 @@ def test_a_replay_is_as_accurate_as_stated(
         print(f"\n{name}: {shown(figures)}; {peak_mb:.0f} MB")
     assert all(value <= bound for _, value, bound in figures)
     assert peak_mb < MAX_RSS_MB
+    devices = json.loads((tmp_path / "summary.json").read_text())["devices"]
+    assert [device["rejected_bytes"] for device in devices.values()] == [0, 0]
