@@ -24,11 +24,20 @@ TABLES = ["nav.csv", "innovations.csv", "calibration.csv"]
 class Taped:
     """A rig whose gateway records."""
 
-    def __init__(self, folder: Path, duration_s: float = 120.0, **settings: object) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        duration_s: float = 120.0,
+        imu_hz: float | None = None,
+        **settings: object,
+    ) -> None:
         self._folder = folder
         self.tapes = folder / "tapes"
         self.tapes.mkdir()
-        self.rig = Rig(folder, brisk(folder) | {"duration_s": duration_s})
+        scenario = brisk(folder) | {"duration_s": duration_s}
+        if imu_hz is not None:
+            scenario["devices"]["imu0"]["rate_hz"] = imu_hz
+        self.rig = Rig(folder, scenario)
         self.rig.write({"recording": {"folder": str(self.tapes), **settings}})
 
     def parts(self) -> list[Path]:
@@ -95,9 +104,10 @@ async def test_of_a_run_that_is_killed_a_second_is_lost_at_most(tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-async def test_ten_minutes_with_a_filter_that_is_killed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("imu_hz", [200.0, 1000.0])
+async def test_ten_minutes_with_a_filter_that_is_killed(tmp_path: Path, imu_hz: float) -> None:
     """``pytest -m slow tests/integration/test_recording.py``."""
-    taped = Taped(tmp_path, duration_s=720.0, max_file_s=60)
+    taped = Taped(tmp_path, duration_s=720.0, imu_hz=imu_hz, max_file_s=60)
     rig = taped.rig
     rng = random.Random(4)
     async with rig.gateway(), rig.emulator():
