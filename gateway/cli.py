@@ -91,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_replay(commands)
     _add_export(commands)
+    _add_report(commands)
     _add_emulate(commands)
     _add_check(commands)
     _add_codecs(commands)
@@ -232,6 +233,31 @@ def _add_export(commands: Any) -> None:
     )
     _add_out(parser)
     _add_json(parser, "the counts")
+
+
+def _add_report(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "report",
+        "one page of figures about a replay or a recording",
+        "One HTML file that holds everything: track, sigmas, innovations, constants, devices.",
+    )
+    parser.add_argument(
+        "results",
+        nargs="+",
+        type=Path,
+        metavar="OUT",
+        help="folder that a replay or an export wrote; or a recording: its folder or files",
+    )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="FILE.csv",
+        help="the true motion that `usblnav emulate --truth` wrote",
+    )
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="FILE.html", help="the page (default: OUT/report.html)"
+    )
 
 
 def _add_emulate(commands: Any) -> None:

@@ -74,7 +74,7 @@ class LinkReport(msgspec.Struct, frozen=True):
 class DeviceReport(msgspec.Struct, frozen=True):
     """One device: its line, and what became of its bytes."""
 
-    kind: str
+    kind: DeviceKind
     codec: str
     silent_s: float | None
     bytes: int

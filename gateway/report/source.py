@@ -1,0 +1,207 @@
+"""What a replay or an export left in its folder, as tables."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.config import Config, load
+from gateway.emulator.truth import TruthRow
+from gateway.errors import ConfigError
+from gateway.nav.earth import radii
+from gateway.outputs.files import NAV_DECIMALS
+
+Array = NDArray[np.float64]
+
+NAV_COLUMNS = ("t_s", *NAV_DECIMALS)
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """nav.csv: a (k,) column by name, without ``mode``; and (k,) modes."""
+
+    columns: dict[str, Array]
+    modes: NDArray[np.str_]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """One component of all fixes of a device, each (k,): measured minus predicted."""
+
+    t_s: Array
+    value: Array
+    sigma: Array
+    nis: Array
+    accepted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Solution minus truth at the epochs (k,) that the truth covers; metres and degrees."""
+
+    t_s: Array
+    north_m: Array
+    east_m: Array
+    down_m: Array
+    heading_deg: Array
+    sigma: dict[str, Array]
+    """By the names above."""
+
+    @property
+    def horizontal_m(self) -> Array:
+        """Length of the horizontal error."""
+        return np.hypot(self.north_m, self.east_m)
+
+
+@dataclass(frozen=True)
+class Source:
+    """All there is; times are Unix times.
+
+    Attributes
+    ----------
+    calibration
+        By name: (k, 3) time, value and sigma.
+    innovations
+        By ``(device, component)``.
+    refused
+        Fixes by device and reason that were not compared at all.
+    """
+
+    folder: Path
+    nav: Navigation
+    innovations: dict[tuple[str, str], Innovations]
+    refused: dict[tuple[str, str], int]
+    calibration: dict[str, Array]
+    summary: dict[str, Any]
+    config: Config | None
+    config_text: str
+    errors: Errors | None
+
+
+def read(folder: Path, truth: Path | None = None) -> Source:
+    """Read the folder of a replay or an export, and the emulator's truth where it is known.
+
+    Raises
+    ------
+    ConfigError
+        Naming what is missing or cannot be read.
+    """
+    _complete(folder)
+    try:
+        nav = _navigation(folder / "nav.csv")
+        innovations, refused = _innovations(folder / "innovations.csv")
+        calibration = _calibration(folder / "calibration.csv")
+        summary = msgspec.json.decode((folder / "summary.json").read_bytes(), type=dict[str, Any])
+    except (msgspec.DecodeError, ValueError, KeyError) as error:
+        raise ConfigError([f"{folder}: not what a replay writes: {error}"]) from error
+    if not len(nav["t_s"]):
+        raise ConfigError([f"{folder}/nav.csv: holds no solution"])
+    config = folder / "config.yaml"
+    return Source(
+        folder=folder,
+        nav=nav,
+        innovations=innovations,
+        refused=refused,
+        calibration=calibration,
+        summary=summary,
+        config=load(config) if config.is_file() else None,
+        config_text=config.read_text() if config.is_file() else "",
+        errors=None if truth is None else _errors(nav, truth),
+    )
+
+
+def _complete(folder: Path) -> None:
+    """Raise unless the tables are there."""
+    wanted = ("nav.csv", "innovations.csv", "calibration.csv", "summary.json")
+    missing = [name for name in wanted if not (folder / name).is_file()]
+    if not missing:
+        return
+    several = sorted(str(inner.parent) for inner in folder.glob("*/summary.json"))
+    if several:
+        raise ConfigError([f"{folder}: holds several filters; give one of {', '.join(several)}"])
+    raise ConfigError([f"{folder}: no {', '.join(missing)}; give the folder that a replay wrote"])
+
+
+def _navigation(path: Path) -> Navigation:
+    rows = _rows(path)
+    columns = {name: np.array([float(row[name]) for row in rows]) for name in NAV_COLUMNS}
+    return Navigation(columns, np.array([row["mode"] for row in rows], dtype=np.str_))
+
+
+def _innovations(
+    path: Path,
+) -> tuple[dict[tuple[str, str], Innovations], dict[tuple[str, str], int]]:
+    compared: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+    refused: dict[tuple[str, str], int] = {}
+    for row in _rows(path):
+        if not row["component"]:
+            key = row["device"], row["reason"]
+            refused[key] = refused.get(key, 0) + 1
+            continue
+        numbers = [float(row[name] or "nan") for name in ("t_s", "value", "sigma", "nis")]
+        key = row["device"], row["component"]
+        compared.setdefault(key, []).append((*numbers, float(row["accepted"])))
+    found = {}
+    for key, table in compared.items():
+        t_s, value, sigma, nis, accepted = np.array(table).T
+        found[key] = Innovations(t_s, value, sigma, nis, accepted > 0.0)
+    return found, refused
+
+
+def _calibration(path: Path) -> dict[str, Array]:
+    table: dict[str, list[list[float]]] = {}
+    for row in _rows(path):
+        numbers = [float(row[name]) for name in ("t_s", "value", "sigma")]
+        table.setdefault(row["name"], []).append(numbers)
+    return {name: np.array(rows) for name, rows in table.items()}
+
+
+def _errors(nav: Navigation, truth: Path) -> Errors:
+    """Compare with a truth file of the emulator."""
+    try:
+        rows = _rows(truth)
+        columns = [np.array([float(row[name]) for row in rows]) for name in TruthRow._fields]
+    except (OSError, KeyError, ValueError) as error:
+        raise ConfigError([f"{truth}: not a truth file of the emulator: {error}"]) from error
+    true = dict(zip(TruthRow._fields, columns, strict=True))
+    t_s = nav["t_s"]
+    inside = np.zeros(len(t_s), dtype=np.bool_)
+    if len(rows) > 1:
+        inside = (t_s >= true["t_s"][0]) & (t_s <= true["t_s"][-1])
+    if not inside.any():
+        raise ConfigError([f"{truth}: its times and those of nav.csv do not overlap"])
+    t_s = t_s[inside]
+    at = {
+        name: np.interp(t_s, true["t_s"], true[name]) for name in ("lat_deg", "lon_deg", "height_m")
+    }
+    heading = np.unwrap(true["heading_deg"], period=360.0)
+    R_M, R_N = radii(np.radians(at["lat_deg"]))
+    north = np.radians(nav["lat_deg"][inside] - at["lat_deg"]) * (R_M + at["height_m"])
+    east = np.radians(nav["lon_deg"][inside] - at["lon_deg"]) * (R_N + at["height_m"])
+    turn = nav["heading_deg"][inside] - np.interp(t_s, true["t_s"], heading)
+    sigmas = {
+        "north_m": "sd_n_m",
+        "east_m": "sd_e_m",
+        "down_m": "sd_d_m",
+        "heading_deg": "sd_heading_deg",
+    }
+    return Errors(
+        t_s=t_s,
+        north_m=north,
+        east_m=east * np.cos(np.radians(at["lat_deg"])),
+        down_m=at["height_m"] - nav["height_m"][inside],
+        heading_deg=(turn + 180.0) % 360.0 - 180.0,
+        sigma={name: nav[column][inside] for name, column in sigmas.items()},
+    )
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))

@@ -1,0 +1,170 @@
+"""The page of a replay and of a recording: what it holds, and that it asks nothing of the world."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+from collections import Counter
+from functools import partial
+from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+import yaml
+
+from gateway import cli, replay, report
+from gateway.config import load
+from gateway.emulator import twin
+from gateway.emulator.player import emulate
+from tests.gateway.emulated import demo_data, make
+from tests.integration.rig import USBLNAV
+from tests.shared_data import ROOT
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FIGURES = {"track", "errors", "sigmas", "motion", "innovations", "nis", "calibration"}
+NAMESPACES = ("http://www.w3.org/", "http://purl.org/", "http://creativecommons.org/")
+
+
+@pytest.fixture(scope="module")
+def voyage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with OUT of a replay, and the truth."""
+    folder = tmp_path_factory.mktemp("voyage")
+    data = demo_data() | {"duration_s": 60.0}
+    data["devices"]["imu0"]["rate_hz"] = 50
+    scenario = twin.for_capture(make(data))
+    emulate(scenario, pcap=folder / "sea.pcap", truth=folder / "truth.csv", say=lambda _line: None)
+    config = folder / "config.yaml"
+    config.write_text(yaml.safe_dump(twin.gateway_config(scenario)))
+    replay.run([folder / "sea.pcap"], load(config), out=folder / "OUT", rate_hz=5.0)
+    return folder
+
+
+class Page(HTMLParser):
+    """What a browser would make of it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: Counter[str] = Counter()
+        self.figures: list[str] = []
+        self.asked: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        given = dict(attrs)
+        if tag == "figure":
+            self.figures.append(given["id"] or "")
+        self.asked += [given[name] or "" for name in ("src", "href", "xlink:href") if name in given]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_of_a_replay_says_what_its_files_say(voyage: Path) -> None:
+    command = [*USBLNAV, "report", voyage / "OUT", "--truth", voyage / "truth.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"report in {voyage / 'OUT' / 'report.html'}\n"
+    text = (voyage / "OUT" / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert set(page.figures) == FIGURES
+    assert page.tags["svg"] == len(FIGURES)
+    summary = json.loads((voyage / "OUT" / "summary.json").read_text())
+    assert f"{summary['filter']['fixes_used']}fixes used" in page.text
+    with (voyage / "OUT" / "nav.csv").open() as file:
+        nav = list(csv.DictReader(file))
+    aided = 100.0 * np.mean([row["mode"] == "aided" for row in nav])
+    assert f"{aided:.1f} %aided" in page.text
+    assert f"{horizontal_rms_m(nav, voyage / 'truth.csv'):.2f} mhorizontal RMS" in page.text
+    # Nothing is asked of any other place.
+    assert not page.tags["script"]
+    assert not [place for place in page.asked if not place.startswith(("#", "data:"))]
+    assert "url(http" not in text
+    assert all(text[at:].startswith(NAMESPACES) for at in places(text, "http"))
+
+
+def horizontal_rms_m(nav: list[dict[str, str]], truth: Path) -> float:
+    """On a sphere: to a part in three hundred, the place being the same."""
+    true = np.genfromtxt(truth, delimiter=",", names=True)
+    t_s, lat, lon = (np.array([float(r[k]) for r in nav]) for k in ("t_s", "lat_deg", "lon_deg"))
+    inside = (t_s >= true["t_s"][0]) & (t_s <= true["t_s"][-1])
+    north = (lat - np.interp(t_s, true["t_s"], true["lat_deg"])) * 111_180.0
+    east = (
+        (lon - np.interp(t_s, true["t_s"], true["lon_deg"])) * 111_180.0 * np.cos(np.radians(lat))
+    )
+    return float(np.sqrt(np.mean(north[inside] ** 2 + east[inside] ** 2)))
+
+
+def places(text: str, what: str) -> list[int]:
+    return [at for at in range(len(text)) if text.startswith(what, at)]
+
+
+def test_the_same_replay_gives_the_same_page(voyage: Path) -> None:
+    page = report.text(report.read(voyage / "OUT"))
+    assert report.text(report.read(voyage / "OUT")) == page
+    assert "errors" not in Page(page).figures
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_complains_of_nothing_and_asks_for_nothing(voyage: Path, tmp_path: Path) -> None:
+    log = tmp_path / "net.json"
+    report.write(report.read(voyage / "OUT"), tmp_path / "page.html")
+    serve = partial(SimpleHTTPRequestHandler, directory=tmp_path)
+    with ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/page.html"
+        done = browse(url, log, tmp_path / "profile")
+        server.shutdown()
+    assert Page(done.stdout).tags["svg"] == len(FIGURES) - 1
+    assert "CONSOLE" not in done.stderr
+    asked = set(re.findall(r'"url":"(\w+://[^"]*)"', log.read_text(errors="replace")))
+    assert url in asked
+    asked -= {url, url.removesuffix("page.html")}  # the place itself stands in the log too
+    # The browser looks round by itself, at its maker's.
+    assert not [other for other in asked if not re.search(r"google|gvt1\.com", other)]
+
+
+def browse(url: str, log: Path, profile: Path) -> "subprocess.CompletedProcess[str]":
+    """What a browser makes of a page, what it says to that, and a log of all that it asks for."""
+    return subprocess.run(
+        [
+            *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu"),
+            *("--disable-background-networking", "--disable-component-update"),
+            *("--enable-logging=stderr", f"--log-net-log={log}", f"--user-data-dir={profile}"),
+            *("--virtual-time-budget=3000", "--dump-dom", url),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=90,
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere"], "nowhere: no such file or folder"),
+        (["{empty}"], "{empty}: no nav.csv, innovations.csv, calibration.csv, summary.json;"),
+        (
+            ["{out}", "--truth", "{out}/nav.json"],
+            "{out}/nav.json: not a truth file of the emulator",
+        ),
+        (["{out}", "--truth", "{out}/summary.json"], "{out}/summary.json: not a truth file"),
+        (["{out}", "-o", "{out}/no/such.html"], "{out}/no/such.html: cannot write: No such file"),
+    ],
+)
+def test_what_cannot_be_shown_is_named(
+    voyage: Path,
+    tmp_path: Path,
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    named = {"out": voyage / "OUT", "empty": tmp_path}
+    assert cli.main(["report", *(argument.format(**named) for argument in arguments)]) in (1, 2)
+    assert said.format(**named) in capsys.readouterr().err
