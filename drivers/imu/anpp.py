@@ -23,12 +23,11 @@ from drivers.checksums import crc16_ccitt_false
 from drivers.codec import Codec, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
-    acceleration,
     inertial,
     other,
     out_of_range,
     plausible,
-    rotation,
+    preferred,
 )
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected, TimeRecord
 
@@ -68,9 +67,10 @@ def encode(record: Record, options: AnppOptions) -> bytes:
     if isinstance(record, TimeRecord) and record.unix_s is not None:
         return _packet(UNIX_TIME, _time(record.unix_s))
     sample = inertial(record, "anpp")
+    gyro, accel = preferred(sample, "rates")
     payload = _RAW.pack(
-        *acceleration(sample, increment=False),
-        *rotation(sample, increment=False),
+        *accel,
+        *gyro,
         *(0.0, 0.0, 0.0),
         sample.temperature_c or 0.0,
         *(0.0, 0.0),

@@ -28,12 +28,11 @@ from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
     G0,
     Prefer,
-    acceleration,
     inertial,
     other,
     out_of_range,
     plausible,
-    rotation,
+    preferred,
 )
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
 
@@ -93,8 +92,8 @@ def encode(record: Record, options: MipOptions) -> bytes:
     if isinstance(record, OtherFrame):
         return record.data
     sample = inertial(record, "mip")
+    gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"
-    gyro, accel = rotation(sample, increment=increments), acceleration(sample, increment=increments)
     fields = b""
     if sample.t_device_s is not None:
         fields += _field(REFERENCE, round(sample.t_device_s * 1e9).to_bytes(8, "big"))

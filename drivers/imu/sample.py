@@ -71,5 +71,14 @@ def acceleration(record: ImuRecord, *, increment: bool) -> Vec3:
     return value
 
 
+def preferred(sample: ImuRecord, prefer: Prefer) -> tuple[Vec3, Vec3]:
+    """Rotation and acceleration to encode, both as increments or both as rates.
+
+    Raises ValueError where the sample does not carry them.
+    """
+    increment = prefer == "increments"
+    return rotation(sample, increment=increment), acceleration(sample, increment=increment)
+
+
 _ROTATION = {True: "delta_angle_rad", False: "rate_rad_s"}
 _ACCELERATION = {True: "delta_velocity_m_s", False: "specific_force_m_s2"}

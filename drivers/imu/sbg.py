@@ -19,12 +19,11 @@ from drivers.checksums import crc16_kermit
 from drivers.codec import Codec, Counting, Decoder, NoOptions
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
-    acceleration,
     inertial,
     other,
     out_of_range,
     plausible,
-    rotation,
+    preferred,
 )
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected
 
@@ -57,8 +56,7 @@ def encode(record: Record, options: NoOptions) -> bytes:
     if isinstance(record, OtherFrame):
         return record.data
     sample = inertial(record, "sbg-ecom")
-    gyro = rotation(sample, increment=False)
-    accel = acceleration(sample, increment=False)
+    gyro, accel = preferred(sample, "rates")
     is_fast = max(map(abs, gyro)) >= 2**31 * _GYRO
     gyro_lsb = _GYRO_HIGH if is_fast else _GYRO
     body = _BODY.pack(

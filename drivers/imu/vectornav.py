@@ -32,12 +32,11 @@ from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
     DEG,
     Prefer,
-    acceleration,
     inertial,
     other,
     out_of_range,
     plausible,
-    rotation,
+    preferred,
 )
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected
 
@@ -129,8 +128,8 @@ def encode(record: Record, options: VectorNavOptions) -> bytes:
     if isinstance(record, OtherFrame):
         return record.data
     sample = inertial(record, "vectornav")
+    gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"
-    gyro, accel = rotation(sample, increment=increments), acceleration(sample, increment=increments)
     body = round((sample.t_device_s or 0.0) * 1e9).to_bytes(8, "little")
     if increments:
         interval_s = 0.0 if sample.interval_s is UNSET else sample.interval_s

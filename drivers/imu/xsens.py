@@ -27,12 +27,11 @@ from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
     Prefer,
-    acceleration,
     inertial,
     other,
     out_of_range,
     plausible,
-    rotation,
+    preferred,
 )
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
 
@@ -103,8 +102,8 @@ def encode(record: Record, options: XsensOptions) -> bytes:
     if isinstance(record, OtherFrame):
         return record.data
     sample = inertial(record, "xsens-mtdata2")
+    gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"
-    gyro, accel = rotation(sample, increment=increments), acceleration(sample, increment=increments)
     data = b""
     if sample.sequence is not None:
         data += _item(COUNTER, (sample.sequence % 2**16).to_bytes(2, "big"))

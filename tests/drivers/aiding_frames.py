@@ -1,4 +1,4 @@
-"""Frames of compasses, depth sensors, Doppler logs and long baselines."""
+"""Frames of receivers, compasses, depth sensors, Doppler logs and long baselines."""
 
 import json
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from drivers import registry
-from drivers.records import DvlRecord, LblRecord, LblReply
+from drivers.records import DvlRecord, LblRecord, LblReply, NmeaSentence
 
 A50_REPORT: dict[str, Any] = {
     "time": 106.3935775756836,
@@ -63,6 +63,37 @@ def _depth() -> list[bytes]:
         b"$SDDBT,7.8,f,2.4,M,1.3,F*0D\r\n",
         b"$INDPT,2.3,0.0*46\r\n",
     ]
+
+
+def _gnss() -> list[bytes]:
+    return [
+        b"$GPGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*5B\r\n",
+        b"$GPRMC,083559.00,A,4717.11437,N,00833.91522,E,0.004,77.52,091202,,,A*57\r\n",
+        b"$GPGGA,,,,,,0,00,99.99,,,,,,*48\r\n",
+        b"$GNGNS,103600.01,5114.51176,N,00012.29380,W,ANNN,07,1.18,111.5,45.6,,,V*00\r\n",
+        b"$GPVTG,77.52,T,,M,0.004,N,0.008,K,A*06\r\n",
+        b"$GPZDA,082710.00,16,09,2002,00,00*64\r\n",
+        b"$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68\r\n",
+    ]
+
+
+def _phins() -> list[bytes]:
+    return [
+        b"$HEHDT,116.581,T*25\r\n",
+        b"$PIXSE,SPEED_,0.972,1.082,0.412*61\r\n",
+        b"$PIXSE,ATITUD,-1.641,-0.490*6D\r\n",
+        b"$PIXSE,DEPIN_,732.811,085832.643253*7D\r\n",
+        b"$PIXSE,ALGSTS,00000045,00004000*60\r\n",
+    ]
+
+
+def _nmea() -> list[bytes]:
+    made = registry.lookup("nmea0183")
+    sentences = (("GP", "HDT", ("123.4", "T")), ("HE", "ROT", ("-0.1", "A")), ("P", "UNAV", ("",)))
+    return [
+        made.encode(NmeaSentence(t_rx_ns=0, talker=t, formatter=f, fields=x), made.options())
+        for t, f, x in sentences
+    ] + [b"$GPZDA,160012.71,11,03,2004,-1,00*7D\r\n"]
 
 
 def _micromodem() -> list[bytes]:
@@ -161,6 +192,9 @@ def _paroscientific() -> list[bytes]:
 
 
 AIDING: dict[str, list[bytes]] = {
+    "nmea-gnss": _gnss(),
+    "phins": _phins(),
+    "nmea0183": _nmea(),
     "nmea-heading": _heading(),
     "nmea-depth": _depth(),
     "paroscientific": _paroscientific(),
@@ -170,5 +204,5 @@ AIDING: dict[str, list[bytes]] = {
     "nortek-dvl": _nortek(),
     "waterlinked-dvl": _waterlinked(),
 }
-AIDING_STRONG = frozenset({"nmea-heading", "nmea-depth", "micromodem", "nortek-dvl", "pd0"})
+AIDING_STRONG = frozenset(AIDING) - {"paroscientific", "pd6", "waterlinked-dvl"}
 """Of these, the codecs whose check finds every single flipped bit."""

@@ -130,7 +130,7 @@ def _stdbin() -> list[bytes]:
     ]
 
 
-IMU = {
+IMU: dict[str, list[bytes]] = {
     "kvh1750": _kvh(),
     "stim300": _stim300(),
     "novatel-span": _novatel(),
@@ -141,3 +141,5 @@ IMU = {
     "anpp": _rated(ANPP),
     "stdbin": _stdbin(),
 }
+IMU_STRONG = frozenset(IMU)
+"""Of these, the codecs whose check finds every single flipped bit."""

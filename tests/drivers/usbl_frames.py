@@ -3,6 +3,9 @@
 from drivers import registry
 from drivers.records import UsblRecord
 
+OUTPUTS = ("lxt", "tp2", "gll", "log")
+"""Of TrackLink."""
+
 
 def _seatrac() -> list[bytes]:
     """None of a real beacon was found."""
@@ -13,6 +16,26 @@ def _seatrac() -> list[bytes]:
         ),
         UsblRecord(t_rx_ns=0, beacon="3", slant_range_m=70.8),
         UsblRecord(t_rx_ns=0, beacon="4", valid=False, error_code="no_reply"),
+    )
+    return [made.encode(record, made.options()) for record in records]
+
+
+def _tracklink(codec: str) -> list[bytes]:
+    made = registry.lookup(codec)
+    records = (
+        UsblRecord(
+            t_rx_ns=0,
+            beacon=beacon,
+            bearing_deg=53.1,
+            elevation_deg=-45.0,
+            slant_range_m=70.7,
+            xyz_m=(30.0, 40.0, 50.0),
+            t_device_s=t_s,
+            lat_deg=-33.375,
+            lon_deg=151.25,
+            depth_m=50.0,
+        )
+        for beacon, t_s in (("1", 10.0), ("2", 11.0), ("3", 12.0), ("4", 13.0))
     )
     return [made.encode(record, made.options()) for record in records]
 
@@ -67,6 +90,7 @@ USBL: dict[str, list[bytes]] = {
         b"\r\n",
         b"$USRTH,358.5,1.5,2.8,,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16*68\r\n",
     ],
+    **{f"tracklink-{output}": _tracklink(f"tracklink-{output}") for output in OUTPUTS},
     "seatrac": _seatrac(),
     "micronnav": [
         b"%D0033082031,0,-18686,+4764,+4100,0.8,30,15315632\r\n",
