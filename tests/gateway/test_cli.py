@@ -182,6 +182,19 @@ def test_a_file_name_may_be_any_bytes(tmp_path: Path) -> None:
             "usblnav: absent.bin: no such file or directory",
         ),
         (["decode", "--codec", "kvh1750", "docs"], "usblnav: docs: is a directory"),
+        (["decode", "--codec", "kvh1750"], "usblnav: FILE or --link: missing"),
+        (
+            ["decode", "--codec", "kvh1750", "--link", "udp:7001", "cable.bin"],
+            "usblnav: --link: not together with FILE or --hex",
+        ),
+        (
+            ["decode", "--codec", "kvh1750", "--raw", "x", "cable.bin"],
+            "usblnav: --raw: only with --link",
+        ),
+        (
+            ["decode", "--codec", "kvh1750", "--link", "udp:7001", "--raw", "config.yaml"],
+            "usblnav: --raw: config.yaml: is there already",
+        ),
     ],
 )
 def test_one_line_says_what_is_unusable(arguments: Sequence[str], said: str) -> None:

@@ -10,6 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol, Self
 
+from gateway.emulator.ports import open_port
+from gateway.emulator.scenario import SerialPort
+
 
 def free_port(kind: socket.SocketKind) -> int:
     """A port of loopback that nobody uses now."""
@@ -19,9 +22,13 @@ def free_port(kind: socket.SocketKind) -> int:
 
 
 class End(Protocol):
-    """The gateway's end of a cable."""
+    """The gateway's end of a cable, which is plugged in or not."""
 
     link: dict[str, Any]
+
+    def plug(self) -> None: ...
+
+    def unplug(self) -> None: ...
 
     def send(self, data: bytes) -> None: ...
 
@@ -66,8 +73,17 @@ class UdpEnd:
         self.port = free_port(socket.SOCK_DGRAM)
         self.link = {"type": "udp", "port": self.port, **settings}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._plugged = True
+
+    def plug(self) -> None:
+        self._plugged = True
+
+    def unplug(self) -> None:
+        self._plugged = False
 
     def send(self, data: bytes) -> None:
+        if not self._plugged:
+            return
         with suppress(OSError):  # nobody listens yet, or any more
             self._socket.sendto(data, ("127.0.0.1", self.port))
 
@@ -85,6 +101,8 @@ class PtyEnd:
         self._poll = select.poll()
 
     def plug(self) -> None:
+        if self._near is not None:
+            return
         self._near, far = os.openpty()
         os.set_blocking(self._near, False)
         tty.setraw(far)
@@ -113,13 +131,32 @@ class TcpEnd:
     """A terminal server: one client at a time, which it can throw out."""
 
     def __init__(self) -> None:
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self._server.setblocking(False)
-        self.link = {"type": "tcp", "host": "127.0.0.1", "port": self._server.getsockname()[1]}
+        self.link: dict[str, Any] = {"type": "tcp", "host": "127.0.0.1"}
+        self._server: socket.socket | None = None
         self._client: socket.socket | None = None
-        asyncio.get_running_loop().add_reader(self._server, self._accept)
+        self.plug()
+
+    def plug(self) -> None:
+        if self._server is None:
+            self._server = socket.create_server(("127.0.0.1", self.link.get("port", 0)))
+            self._server.setblocking(False)
+            self.link["port"] = self._server.getsockname()[1]
+            asyncio.get_running_loop().add_reader(self._server, self._accept)
+
+    def unplug(self) -> None:
+        """Power off: no more answer at its port."""
+        if self._server is not None:
+            asyncio.get_running_loop().remove_reader(self._server)
+            self._server.close()
+            self._server = None
+        if self._client is not None:
+            self._client.close()
+            self._client = None
 
     def _accept(self) -> None:
+        assert self._server is not None
+        if self._client is not None:
+            self._client.close()
         self._client, _ = self._server.accept()
         self._client.setblocking(False)
         self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -136,7 +173,61 @@ class TcpEnd:
                 self._client.send(data)
 
     def close(self) -> None:
-        asyncio.get_running_loop().remove_reader(self._server)
-        self._server.close()
-        if self._client is not None:
-            self._client.close()
+        self.unplug()
+
+
+class SerialEnd:
+    """A real port that is wired to the gateway's, or is the same one with a loopback plug.
+
+    Nobody's hand pulls this cable: unplugged, it carries nothing.
+    """
+
+    def __init__(self, near: str, far: str, baud: int) -> None:
+        self.link = {"type": "serial", "port": far, "baud": baud}
+        self._port = open_port(SerialPort(port=near, baud=baud))
+        self._plugged = True
+
+    def plug(self) -> None:
+        self._plugged = True
+
+    def unplug(self) -> None:
+        self._plugged = False
+
+    def send(self, data: bytes) -> None:
+        if self._plugged:
+            self._port.send(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class PtyWire:
+    """What stands for a serial cable: ptys whose bytes come out of one another.
+
+    Parameters
+    ----------
+    ends
+        Two for a cable between two ports, one for a port with a loopback plug.
+    """
+
+    def __init__(self, ends: int = 2) -> None:
+        pairs = [os.openpty() for _ in range(ends)]
+        self.ports = [os.ttyname(far) for _, far in pairs]
+        self._ends = [end for pair in pairs for end in pair]
+        near = [end for end, _ in pairs]
+        loop = asyncio.get_running_loop()
+        for here, there in zip(near, near[::-1], strict=True):
+            os.set_blocking(here, False)
+            loop.add_reader(here, self._carry, here, there)
+
+    def _carry(self, here: int, there: int) -> None:
+        with suppress(BlockingIOError):
+            os.write(there, os.read(here, 65536))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for end in self._ends:
+            asyncio.get_running_loop().remove_reader(end)
+            os.close(end)

@@ -208,6 +208,8 @@ class Rig:
     @asynccontextmanager
     async def emulator(self) -> AsyncIterator[None]:
         """Run ``usblnav emulate`` while the body does."""
+        self._truth_file.unlink(missing_ok=True)
+        self._truth = TruthFile(self._truth_file)
         arguments = ("-c", str(self.scenario_file), "--truth", str(self._truth_file))
         process = await asyncio.create_subprocess_exec(
             *(*USBLNAV, "emulate", *arguments),

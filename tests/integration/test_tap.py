@@ -145,21 +145,3 @@ async def test_a_reader_of_a_tap_may_leave(tmp_path: Path) -> None:
     assert shell.returncode == 0, err.decode()
     assert len(out.splitlines()) == 2
     assert b"Traceback" not in err
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--link", "udp:7001", "cable.bin"], "--link: not together with FILE or --hex"),
-        ([], "FILE or --link: missing"),
-        (["--raw", "x", "cable.bin"], "--raw: only with --link"),
-        (["--link", "udp:7001", "--raw", "config.yaml"], "--raw: config.yaml: is there already"),
-    ],
-)
-async def test_arguments_that_make_no_sense(options: list[str], said: str) -> None:
-    process = await asyncio.create_subprocess_exec(
-        *(*USBLNAV, "decode", "--codec", "kvh1750", *options), stderr=PIPE, cwd=ROOT
-    )
-    _, heard = await asyncio.wait_for(process.communicate(), 30)
-    assert process.returncode == 2
-    assert heard.decode().splitlines()[-1] == f"usblnav: {said}"
