@@ -135,9 +135,6 @@ def _device(scenario: Scenario, model: DeviceModel) -> dict[str, Any]:
     block = {"kind": whole["kind"], "link": _link(model.port)}
     block |= {key: whole[key] for key in shared}
     block["noise"] = {k: v for k, v in block["noise"].items() if v is not None}
-    if isinstance(model, UsblModel) and model.axes != "array":
-        own = model.attitude
-        block["noise"] |= {"tilt_deg": own.tilt_deg, "heading_deg": own.heading_deg}
     return block
 
 

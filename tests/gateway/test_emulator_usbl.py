@@ -108,16 +108,17 @@ def test_lever_arm_and_latency_may_not_be_as_stated() -> None:
 
 
 def test_its_own_attitude_turns_what_it_levels_or_turns_north() -> None:
-    def bearings(axes: str, **attitude: Any) -> np.ndarray:
-        scenario = scenario_of(codec="gaps", options={}, axes=axes, attitude=attitude)
+    def bearings(axes: str, **errors: Any) -> np.ndarray:
+        scenario = scenario_of(codec="gaps", options={}, axes=axes, errors=errors)
         return np.array([record.bearing_deg for _, record in said(scenario)])
 
-    off = bearings("north", offset_deg=[0, 0, 2.0]) - bearings("north")
+    off = bearings("north", attitude_deg=[0, 0, 2.0]) - bearings("north")
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(2.0)
-    off = bearings("level", offset_deg=[0, 0, 2.0]) - bearings("level")
+    off = bearings("level", attitude_deg=[0, 0, 2.0]) - bearings("level")
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-9)
 
-    tilted = scenario_of(codec="gaps", options={}, axes="north", attitude={"tilt_deg": 0.5})
+    noise = {"bearing_deg": 1e-12, "elevation_deg": 1e-12, "range_m": 1e-12, "tilt_deg": 0.5}
+    tilted = scenario_of(codec="gaps", options={}, axes="north", noise=noise)
     level = scenario_of(codec="gaps", options={}, axes="north")
     pairs = zip(said(tilted), said(level), strict=True)
     turned = [np.cross(b.xyz_m, a.xyz_m) / np.dot(a.xyz_m, a.xyz_m) for (_, a), (_, b) in pairs]

@@ -46,29 +46,33 @@ def sightings(
     x, y, z = np.moveaxis(xyz, -1, 0)
     polar = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
     if model.axes == "earth":
-        return Sightings(*polar, xyz, _on_earth(scenario.seed, name, model, trajectory, fixes, xyz))
+        return Sightings(*polar, xyz, _on_earth(scenario, name, model, trajectory, fixes, xyz))
     return Sightings(*polar, xyz)
 
 
 def _own_attitude(seed: int, name: str, model: UsblModel, truth: Geodetic) -> Array:
     """``C_nb`` as the instrument's motion sensor has it, (n, 3, 3)."""
-    own = model.attitude
-    sigma = np.array([own.tilt_deg, own.tilt_deg, own.heading_deg])
+    sigma = np.array([model.noise.tilt_deg, model.noise.tilt_deg, model.noise.heading_deg])
     white = generator(seed, name, "own attitude").standard_normal((truth.roll.size, 3))
-    turn_n = Rotation.from_rotvec(np.deg2rad(np.array(own.offset_deg) + sigma * white))
+    turn_n = Rotation.from_rotvec(np.deg2rad(np.array(model.errors.attitude_deg) + sigma * white))
     told: Array = turn_n.as_matrix() @ C_from_euler(truth.roll, truth.pitch, truth.heading)
     return told
 
 
 def _on_earth(
-    seed: int, name: str, model: UsblModel, trajectory: Trajectory, fixes: Fixes, xyz_n: Array
+    scenario: Scenario,
+    name: str,
+    model: UsblModel,
+    trajectory: Trajectory,
+    fixes: Fixes,
+    xyz_n: Array,
 ) -> Array:
     """Latitude, longitude and depth of the beacons by the place that the instrument knows."""
     pose = trajectory.pose(fixes.t_rx)
     r_e = pose.r_e + pose.C_eb @ np.array(model.lever_arm_m)
     lat, lon, _ = earth.ecef_to_lla(r_e)
-    white = generator(seed, name, "own place").standard_normal(xyz_n.shape)
+    white = generator(scenario.seed, name, "own place").standard_normal(xyz_n.shape)
     error_n = np.array(model.place.offset_m) + np.array(model.place.noise_m) * white
     b_e = r_e + np.einsum("nij,nj->ni", earth.C_en(lat, lon), error_n + xyz_n)
     lat, lon, h = earth.ecef_to_lla(b_e)
-    return np.stack([lat, lon, model.surface_height_m - h], axis=-1)
+    return np.stack([lat, lon, scenario.surface_height_m - h], axis=-1)

@@ -48,17 +48,6 @@ class Outliers(Block, frozen=True):
     angle_deg: NonNegative = 20.0
 
 
-class OwnAttitude(Block, frozen=True):
-    """Errors of the motion sensor by which the instrument turns its fixes.
-
-    White ones of each tilt and of the heading; ``offset_deg``, constant, about north, east, down.
-    """
-
-    tilt_deg: NonNegative = 0.0
-    heading_deg: NonNegative = 0.0
-    offset_deg: Triple = (0.0, 0.0, 0.0)
-
-
 class OwnPlace(Block, frozen=True):
     """Errors (north, east, down) of the place to which the instrument adds its fixes."""
 
@@ -70,7 +59,8 @@ class UsblErrors(Block, frozen=True):
     """Constant errors; what is not given is drawn from the prior.
 
     ``mounting_deg``: rotation vector about the body axes from the nominal to the true mounting.
-    ``lever_arm_m``, ``latency_ms``: true less stated.
+    ``lever_arm_m``, ``latency_ms``: true less stated. ``attitude_deg``: of its own motion sensor,
+    about north, east, down.
     """
 
     mounting_deg: Triple | None = None
@@ -79,6 +69,7 @@ class UsblErrors(Block, frozen=True):
     range_scale: float | None = None
     lever_arm_m: Triple | None = None
     latency_ms: float | None = None
+    attitude_deg: Triple = (0.0, 0.0, 0.0)
 
 
 class LblErrors(Block, frozen=True):
@@ -120,7 +111,8 @@ class UsblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="usb
     says
         The messages about one reply, in this order.
     axes
-        What fixes are said in; anything but ``array`` is made with ``attitude`` and ``place``.
+        What fixes are said in; anything but ``array`` is made with the instrument's own motion
+        sensor, places on the Earth with ``place`` as well.
     age_ms
         How much later than a rate the other messages come, which they tell.
     no_reply
@@ -132,15 +124,12 @@ class UsblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="usb
         1; each with the last one unless given.
     element_noise_us
         White error of the moment at which sound reaches an element.
-    surface_height_m
-        Above the ellipsoid; told depths are below it.
     """
 
     noise: UsblNoise
     period_s: Positive = 2.0
     says: Annotated[tuple[Message, ...], Meta(min_length=1)] = ("fix",)
     axes: Axes = "array"
-    attitude: OwnAttitude = OwnAttitude()
     place: OwnPlace = OwnPlace()
     age_ms: NonNegative = 0.0
     no_reply: str | None = None
@@ -151,7 +140,6 @@ class UsblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="usb
     element_noise_us: NonNegative = 0.0
     direction: Literal["told", "differences"] = "told"
     looks: Literal["down", "up"] = "down"
-    surface_height_m: float = 0.0
     prior: UsblPrior = UsblPrior()
     errors: UsblErrors = UsblErrors()
 
