@@ -98,13 +98,13 @@ def legs(
         total = np.full_like(s, course)
         for k, angle in enumerate(turns):
             u = np.clip((s - leg - k * (leg + turn)) / turn, 0.0, 1.0)
-            total += angle / np.pi * _turned(u)
+            total += angle / np.pi * turned(u)
         return total
 
     return WindingRoute(direction, length)
 
 
-def _turned(u: Array) -> Array:
+def turned(u: Array) -> Array:
     """Heading change of a half turn to starboard after the fraction ``u`` of its length.
 
     Its curvature is a raised cosine: turn rate and lateral acceleration begin and end smoothly.
@@ -115,7 +115,7 @@ def _turned(u: Array) -> Array:
 def _turn_width() -> float:
     """Lateral way of a half turn of unit length."""
     u = 0.5 * (1.0 + np.polynomial.legendre.leggauss(40)[0])
-    return float(0.5 * np.polynomial.legendre.leggauss(40)[1] @ np.sin(_turned(u)))
+    return float(0.5 * np.polynomial.legendre.leggauss(40)[1] @ np.sin(turned(u)))
 
 
 def _mowing_direction(s: Array, leg: float, turn: float) -> Array:
@@ -123,4 +123,4 @@ def _mowing_direction(s: Array, leg: float, turn: float) -> Array:
     lap, within = np.divmod(s, leg + turn)
     u = np.clip((within - leg) / turn, 0.0, 1.0)
     back = lap % 2 == 1
-    return np.where(back, np.pi - _turned(u), _turned(u))
+    return np.where(back, np.pi - turned(u), turned(u))

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.emulator.routes import CircularRoute, Route, StraightRoute, lawnmower, legs
-from gateway.emulator.scenario import Circle, Lawnmower, Legs, Line, Track, Wave
+from gateway.emulator.scenario import Track, Wave
+from gateway.emulator.tracks import way_of
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler, euler_from_C
 
 Array = NDArray[np.float64]
 _OMEGA_IE_E = np.array([0.0, 0.0, earth.OMEGA_IE])
-_SPARE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +66,8 @@ class Trajectory:
 
     def __init__(self, track: Track, duration_s: float) -> None:
         self._track = track
-        self._route = _route(track, duration_s)
-        lat, lon = np.deg2rad([track.lat_deg, track.lon_deg])
-        self._r0_e = earth.lla_to_ecef(lat, lon, track.height_m)
-        self._C_et = earth.C_en(lat, lon)
+        self._way = way_of(track, duration_s)
+        self._r0_e, self._C_et = self._way.r0_e, self._way.C_et
 
     def pose(self, t: Array) -> Pose:
         """Position and attitude."""
@@ -109,55 +106,30 @@ class Trajectory:
         return omega_ib_b, np.einsum("nij,nj->ni", C_bt, f_t)
 
     def _motion(self, t: Array) -> _Motion:
-        s, ds, dds = _along(t, self._track.speed_m_s, self._track.ramp_s)
-        r, dr, ddr = self._route.at(s)
+        s, ds, dds = self._way.pace.at(t)
+        r, dr, ddr = self._way.route.at(s)
+        z, dz, ddz = self._way.depth.at(s)
         sway = self._track.sway
         (roll, droll, _), (pitch, dpitch, _), (yaw, dyaw, _) = (
             _oscillation(t, waves, np.deg2rad(1.0)) for waves in (sway.roll, sway.pitch, sway.yaw)
         )
+        if self._track.pitches:
+            pitch -= np.arctan(dz)
+            dpitch -= ddz * ds / (1.0 + dz**2)
         north, east = _oscillation(t, sway.north, 1.0), _oscillation(t, sway.east, 1.0)
         heave = _oscillation(t, sway.heave, -1.0)
         to_and_fro = [np.column_stack(parts) for parts in zip(north, east, heave, strict=True)]
         tangent2 = np.sum(dr**2, axis=-1)
         course_rate = (dr[:, 0] * ddr[:, 1] - dr[:, 1] * ddr[:, 0]) / tangent2 * ds
         course = np.arctan2(dr[:, 1], dr[:, 0])
-        v = dr * ds[:, None]
-        a = ddr * (ds**2)[:, None] + dr * dds[:, None]
-        descent = self._track.descent
+        slope, bend = np.column_stack([dr, dz]), np.column_stack([ddr, ddz])
         return _Motion(
-            np.column_stack([r, descent * s]) + to_and_fro[0],
-            np.column_stack([v, descent * ds]) + to_and_fro[1],
-            np.column_stack([a, descent * dds]) + to_and_fro[2],
+            np.column_stack([r, z]) + to_and_fro[0],
+            slope * ds[:, None] + to_and_fro[1],
+            bend * (ds**2)[:, None] + slope * dds[:, None] + to_and_fro[2],
             np.column_stack([roll, pitch, course + yaw]),
             np.column_stack([droll, dpitch, course_rate + dyaw]),
         )
-
-
-def _route(track: Track, duration_s: float) -> Route:
-    match track:
-        case Circle():
-            turn = 1 if track.turn == "starboard" else -1
-            return CircularRoute(track.radius_m, np.deg2rad(track.start_bearing_deg), turn)
-        case Line():
-            return StraightRoute(np.deg2rad(track.course_deg))
-        case Lawnmower():
-            length = track.speed_m_s * (duration_s + _SPARE_S)
-            return lawnmower(np.deg2rad(track.course_deg), track.leg_m, track.spacing_m, length)
-        case Legs():
-            length = track.speed_m_s * (duration_s + _SPARE_S)
-            turns = np.deg2rad(track.turns_deg).tolist()
-            return legs(np.deg2rad(track.course_deg), track.leg_m, turns, track.turn_m, length)
-
-
-def _along(t: Array, speed: float, ramp: float) -> tuple[Array, Array, Array]:
-    """Distance travelled and its derivatives; the ramp is the quintic smooth step."""
-    if ramp == 0.0:
-        return speed * t, np.full_like(t, speed), np.zeros_like(t)
-    x = np.clip(t / ramp, 0.0, 1.0)
-    after = np.maximum(t - ramp, 0.0)
-    s = speed * (ramp * x**4 * (2.5 - 3.0 * x + x**2) + after)
-    ds = speed * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    return s, ds, speed / ramp * 30.0 * x**2 * (1.0 - x) ** 2
 
 
 def _oscillation(t: Array, waves: tuple[Wave, ...], unit: float) -> tuple[Array, Array, Array]:

@@ -23,9 +23,12 @@ from gateway.emulator.scenario import (
     TcpServerPort,
     UdpPort,
     UsblModel,
+    Waypoints,
 )
 from gateway.emulator.streams import generator
+from gateway.emulator.tracks import way_of
 from gateway.emulator.trajectory import Trajectory
+from gateway.emulator.waypoints import read_waypoints
 from gateway.errors import ConfigError
 from gateway.nav import earth
 from gateway.schema import build, read_yaml
@@ -54,6 +57,7 @@ def sound(data: Any, path: Path | None = None) -> Scenario:
     scenario = build(Scenario, data, faults)
     if scenario is None:
         raise ConfigError(faults, path)
+    scenario = _with_waypoints(scenario, path.parent, faults)
     faults.extend(_missing(scenario))
     if faults:
         raise ConfigError(faults, path)
@@ -75,6 +79,21 @@ def _impossible(scenario: Scenario) -> Iterator[str]:
             yield f"faults[{k}]: expected either at_s or per_hour"
         if fault.device not in scenario.devices:
             yield f"faults[{k}].device: no device is called {fault.device}"
+
+
+def _with_waypoints(scenario: Scenario, folder: Path, faults: list[str]) -> Scenario:
+    """The scenario with the points of its file, and whether a way leads past them."""
+    track, found = scenario.trajectory, list[str]()
+    if isinstance(track, Waypoints) and track.file is not None:
+        points = read_waypoints(folder / track.file, scenario.surface_height_m, found)
+        track = msgspec.structs.replace(track, file=None, points=points)
+    if not found:
+        try:
+            way_of(track, 0.0)
+        except ValueError as error:
+            found.append(str(error))
+    faults.extend(f"trajectory.{fault}" for fault in found)
+    return msgspec.structs.replace(scenario, trajectory=track)
 
 
 def _missing(scenario: Scenario) -> Iterator[str]:

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.emulator.scenario import Scenario
+from gateway.emulator.scenario import Scenario, Waypoints
 from gateway.emulator.sensors import ImuErrorSource
 from gateway.emulator.streams import generator
 from gateway.fusion.filter import Filter
@@ -109,6 +109,7 @@ def faster(scenario: Scenario) -> Scenario:
         }
 
     track = scenario.trajectory
+    assert not isinstance(track, Waypoints)
     return msgspec.structs.replace(
         scenario,
         trajectory=msgspec.structs.replace(

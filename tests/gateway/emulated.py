@@ -49,9 +49,41 @@ TRACKS: dict[str, dict[str, Any]] = {
         "turns_deg": [90.0, -60.0],
     },
 }
+PATHS: dict[str, dict[str, Any]] = TRACKS | {
+    "spiral": {
+        "type": "spiral",
+        "radius_m": 15.0,
+        "pitch_m": 10.0,
+        "to_height_m": -35.0,
+        "pitches": True,
+    },
+    "transit": {
+        "type": "transit",
+        "course_deg": 120.0,
+        "distance_m": 130.0,
+        "ramp_s": 12.0,
+        "cruise_height_m": -30.0,
+        "dive_m": 50.0,
+        "pitches": True,
+    },
+    "waypoints": {
+        "type": "waypoints",
+        "from_rest": True,
+        "turn_m": 15.0,
+        "points": [
+            {"lat_deg": -33.0, "lon_deg": -72.0, "height_m": -20.0, "speed_m_s": 3.0},
+            {"lat_deg": -32.9995, "lon_deg": -72.0, "height_m": -30.0, "speed_m_s": 2.0},
+            {"lat_deg": -32.9993, "lon_deg": -71.9995, "height_m": -25.0, "speed_m_s": 4.0},
+            {"lat_deg": -32.9998, "lon_deg": -71.9991, "height_m": -25.0, "speed_m_s": 0.0},
+        ],
+    },
+}
+_OWN_PLACE = ("waypoints",)
 
 
 def track(kind: str, **changes: Any) -> dict[str, Any]:
     """A scenario's trajectory block, swaying."""
     common = {"lat_deg": -33.0, "lon_deg": -72.0, "height_m": -20.0, "speed_m_s": 3.0}
-    return common | {"sway": SWAY} | TRACKS[kind] | changes
+    if kind in _OWN_PLACE:
+        common = {}
+    return common | {"sway": SWAY} | PATHS[kind] | changes

@@ -9,7 +9,7 @@ from gateway.emulator.sensors import ImuErrorSource, increments
 from gateway.emulator.trajectory import Trajectory
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler
-from tests.gateway.emulated import TRACKS, demo_data, make, track
+from tests.gateway.emulated import PATHS, TRACKS, demo_data, make, track
 
 OMEGA_IE_E = np.array([0.0, 0.0, 7.292115e-5])
 
@@ -68,6 +68,82 @@ def test_increments_are_integrals(kind):
         sensed = np.hstack(truth.inertial(t)).reshape(parts, 15, 6)
         exact = 0.5 * dt / parts * np.einsum("pnk,n->k", sensed, weights)
         assert np.linalg.norm(found - exact) < 1e-12 * np.linalg.norm(exact)
+
+
+def slope(f, t, h=1e-3):
+    """Derivative of a vectorised function of time by five points, to h^4."""
+    return (f(t - 2 * h) - 8 * f(t - h) + 8 * f(t + h) - f(t + 2 * h)) / (12 * h)
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_rates_and_forces_are_derivatives_of_the_pose(kind):
+    """Everywhere, so at no moment does position, velocity or attitude jump, nor their rates."""
+    truth = trajectory(kind)
+    t = np.arange(0.1, 115.0, 0.0371)
+    pose, g = truth.pose(t), truth.geodetic(t)
+    v_e = np.einsum("nij,nj->ni", earth.C_en(g.lat, g.lon), g.v_eb_n)
+    np.testing.assert_allclose(slope(lambda t: truth.pose(t).r_e, t), v_e, atol=2e-6)
+    _, v_point = truth.point(t, (3.0, -2.0, 1.0))
+    moved = slope(lambda t: truth.pose(t).r_e + truth.pose(t).C_eb @ [3.0, -2.0, 1.0], t)
+    np.testing.assert_allclose(v_point, moved, atol=2e-6)
+
+    def velocity(t):
+        return truth.point(t, (0.0, 0.0, 0.0))[1]
+
+    omega_ib_b, f_ib_b = truth.inertial(t)
+    g_e = np.einsum("nij,nj->ni", earth.C_en(g.lat, g.lon), earth.gravity_n(g.lat, g.h))
+    f_e = slope(velocity, t) + 2.0 * np.cross(OMEGA_IE_E, v_e) - g_e
+    np.testing.assert_allclose(f_ib_b, np.einsum("nij,ni->nj", pose.C_eb, f_e), atol=1e-4)
+    turning = np.swapaxes(pose.C_eb, -1, -2) @ slope(lambda t: truth.pose(t).C_eb, t)
+    omega_eb_b = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=-1)
+    omega_ie_b = np.einsum("nij,i->nj", pose.C_eb, OMEGA_IE_E)
+    np.testing.assert_allclose(omega_ib_b, omega_eb_b + omega_ie_b, atol=1e-5)
+
+
+def level(kind, **changes):
+    truth = trajectory(kind, sway={}, **changes)
+    return lambda t: truth.geodetic(np.array(t, dtype=float))
+
+
+def test_a_spiral_goes_down_to_its_depth_and_stays_there():
+    g = level("spiral")(np.arange(0.0, 120.0))
+    assert g.h[0] == pytest.approx(-20.0, abs=1e-4)  # in the plane that touches its centre
+    assert np.all(np.diff(g.h) < 1e-7)
+    np.testing.assert_allclose(g.h[60:], -35.0, atol=1e-4)
+    turn_s = 2 * np.pi * 15.0 / 3.0
+    a, b = level("spiral")([15.0, 15.0 + turn_s]).h
+    assert a - b == pytest.approx(10.0, abs=1e-3)
+    slope = np.rad2deg(np.arctan(10.0 / (2 * np.pi * 15.0)))
+    assert np.rad2deg(g.pitch[20]) == pytest.approx(-slope, abs=1e-3)
+
+
+def test_a_transit_departs_cruises_and_arrives():
+    """130 m at 3 m/s with 12 s to reach it and to stop: 43.3 s + 12 s."""
+    at = level("transit")
+    g = at([0.0, 27.0, 55.4, 110.0])
+    np.testing.assert_allclose(g.v_eb_n[[0, 2, 3]], 0.0, atol=1e-9)
+    assert np.linalg.norm(g.v_eb_n[1]) == pytest.approx(3.0, abs=1e-6)
+    np.testing.assert_allclose(g.h, [-20.0, -30.0, -20.0, -20.0], atol=2e-3)
+    place = earth.lla_to_ecef(g.lat, g.lon, g.h)
+    assert np.linalg.norm(place[3] - place[0]) == pytest.approx(130.0, abs=1e-6)
+
+
+def test_waypoints_are_passed_at_their_speeds():
+    at = level("waypoints")
+    t = np.arange(0.0, 115.0, 0.05)
+    g = at(t)
+    place = earth.lla_to_ecef(g.lat, g.lon, g.h)
+    speed = np.linalg.norm(g.v_eb_n, axis=-1)
+    points = PATHS["waypoints"]["points"]
+    for k, point in enumerate(points):
+        lat, lon = np.deg2rad([point["lat_deg"], point["lon_deg"]])
+        away = np.linalg.norm(place - earth.lla_to_ecef(lat, lon, point["height_m"]), axis=-1)
+        assert away.min() < (0.05 if k == 0 else 4.0)
+        near = int(np.argmin(away[: len(away) if k < len(points) - 1 else None]))
+        if 0 < k < len(points) - 1:
+            assert speed[near] == pytest.approx(points[k - 1]["speed_m_s"], abs=0.05)
+    assert speed[0] == speed[-1] == 0.0
+    assert speed.max() == pytest.approx(4.0, abs=1e-6)
 
 
 def test_at_rest_the_imu_feels_gravity_and_the_turning_earth():

@@ -26,7 +26,19 @@ from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
 from gateway.emulator.scenario.imu import ImuErrors, ImuModel, Warming
 from gateway.emulator.scenario.ports import AnyPort, PtyPort, SerialPort, TcpServerPort, UdpPort
-from gateway.emulator.scenario.trajectory import Circle, Lawnmower, Legs, Line, Sway, Track, Wave
+from gateway.emulator.scenario.trajectory import (
+    Circle,
+    Lawnmower,
+    Legs,
+    Line,
+    Spiral,
+    Sway,
+    Track,
+    Transit,
+    Wave,
+    Waypoint,
+    Waypoints,
+)
 
 __all__ = [
     "GRADES",
@@ -56,14 +68,18 @@ __all__ = [
     "SerialPort",
     "Sheet",
     "SoundSpeed",
+    "Spiral",
     "Sway",
     "TcpServerPort",
     "ToldTime",
     "Track",
+    "Transit",
     "UdpPort",
     "UsblErrors",
     "UsblModel",
     "Warming",
     "Wave",
+    "Waypoint",
+    "Waypoints",
     "codec_options",
 ]

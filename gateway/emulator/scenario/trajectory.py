@@ -25,23 +25,30 @@ class Sway(Block, frozen=True):
     east: tuple[Wave, ...] = ()
 
 
-class _Track(Block, frozen=True, kw_only=True):
-    """Where a vehicle goes.
+class _Moving(Block, frozen=True, kw_only=True):
+    """``pitches``: whether the bow points along the slope; without, the vehicle stays level."""
 
-    ``ramp_s``: time to reach the speed from rest; 0 starts under way. ``descent``: metres down for
-    each metre of way, the vehicle staying level: a circle becomes a spiral.
-    """
+    pitches: bool = False
+    sway: Sway = Sway()
+
+
+class _Track(_Moving, frozen=True, kw_only=True):
+    """Where a vehicle goes; ``ramp_s``: time to reach the speed from rest; 0 starts under way."""
 
     lat_deg: Latitude
     lon_deg: Longitude
     height_m: float = 0.0
     speed_m_s: NonNegative
     ramp_s: NonNegative = 0.0
+
+
+class _Sloping(_Track, frozen=True, kw_only=True):
+    """``descent``: metres down for each metre of way, without an end."""
+
     descent: float = 0.0
-    sway: Sway = Sway()
 
 
-class Circle(_Track, frozen=True, kw_only=True, tag_field="type", tag="circle"):
+class Circle(_Sloping, frozen=True, kw_only=True, tag_field="type", tag="circle"):
     """Round and round the given point, starting on the given bearing from it."""
 
     radius_m: Positive
@@ -49,13 +56,13 @@ class Circle(_Track, frozen=True, kw_only=True, tag_field="type", tag="circle"):
     turn: Literal["starboard", "port"] = "starboard"
 
 
-class Line(_Track, frozen=True, kw_only=True, tag_field="type", tag="line"):
+class Line(_Sloping, frozen=True, kw_only=True, tag_field="type", tag="line"):
     """Straight from the given point."""
 
     course_deg: float = 0.0
 
 
-class Lawnmower(_Track, frozen=True, kw_only=True, tag_field="type", tag="lawnmower"):
+class Lawnmower(_Sloping, frozen=True, kw_only=True, tag_field="type", tag="lawnmower"):
     """Parallel legs from the given point, the first turn to starboard, until the time is over."""
 
     course_deg: float = 0.0
@@ -63,7 +70,7 @@ class Lawnmower(_Track, frozen=True, kw_only=True, tag_field="type", tag="lawnmo
     spacing_m: Positive
 
 
-class Legs(_Track, frozen=True, kw_only=True, tag_field="type", tag="legs"):
+class Legs(_Sloping, frozen=True, kw_only=True, tag_field="type", tag="legs"):
     """Legs of one length from the given point, a turn (positive to starboard) after each.
 
     Every turn takes the way ``turn_m``; the leg after the last one goes on.
@@ -75,4 +82,52 @@ class Legs(_Track, frozen=True, kw_only=True, tag_field="type", tag="legs"):
     turns_deg: tuple[float, ...] = ()
 
 
-Track = Circle | Line | Lawnmower | Legs
+class Spiral(_Track, frozen=True, kw_only=True, tag_field="type", tag="spiral"):
+    """Round the given point, ``pitch_m`` down a turn, and round and round at ``to_height_m``."""
+
+    radius_m: Positive
+    pitch_m: Positive
+    to_height_m: float
+    start_bearing_deg: float = 0.0
+    turn: Literal["starboard", "port"] = "starboard"
+
+
+class Transit(_Track, frozen=True, kw_only=True, tag_field="type", tag="transit"):
+    """From rest at the given point straight to rest at ``distance_m``.
+
+    It departs after ``wait_s`` and takes ``ramp_s`` to reach its speed, and to stop. With
+    ``cruise_height_m`` it goes there within the way ``dive_m``, and comes back at the end.
+    """
+
+    distance_m: Positive
+    ramp_s: Positive = 30.0
+    wait_s: NonNegative = 0.0
+    course_deg: float = 0.0
+    cruise_height_m: float | None = None
+    dive_m: Positive = 100.0
+
+
+class Waypoint(Block, frozen=True, kw_only=True):
+    """A place, and the speed from there on; 0 at the last one is the end of the way."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    height_m: float = 0.0
+    speed_m_s: NonNegative
+
+
+class Waypoints(_Moving, frozen=True, kw_only=True, tag_field="type", tag="waypoints"):
+    """Past waypoints, of a ``file`` or as ``points``, corners rounded within the way ``turn_m``.
+
+    The file is looked for beside the scenario's. Speeds change within ``ramp_s``, heights smoothly
+    from waypoint to waypoint.
+    """
+
+    file: str | None = None
+    points: tuple[Waypoint, ...] = ()
+    turn_m: Positive = 20.0
+    ramp_s: Positive = 10.0
+    from_rest: bool = False
+
+
+Track = Circle | Line | Lawnmower | Legs | Spiral | Transit | Waypoints
