@@ -57,7 +57,7 @@ def sound(data: Any, path: Path | None = None) -> Scenario:
     scenario = build(Scenario, data, faults)
     if scenario is None:
         raise ConfigError(faults, path)
-    scenario = _with_waypoints(scenario, path.parent, faults)
+    scenario = _with_waypoints(scenario, path.parent if path else Path(), faults)
     faults.extend(_missing(scenario))
     if faults:
         raise ConfigError(faults, path)
