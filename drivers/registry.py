@@ -19,6 +19,7 @@ CODECS: dict[str, str] = {
     "mip": "drivers.imu.mip:MIP",
     "sbg-ecom": "drivers.imu.sbg:SBG_ECOM",
     "anpp": "drivers.imu.anpp:ANPP",
+    "hg4930": "drivers.imu.hg4930:HG4930",
     "stdbin": "drivers.imu.stdbin.telegrams:STDBIN",
     "tracklink-lxt": "drivers.usbl.tracklink.lxt:LXT",
     "tracklink-tp2": "drivers.usbl.tracklink.tp2:TP2",

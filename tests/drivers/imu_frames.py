@@ -5,6 +5,7 @@ import msgspec
 from drivers.codec import Codec
 from drivers.imu import stim300
 from drivers.imu.anpp import ANPP
+from drivers.imu.hg4930 import HG4930, Hg4930Options
 from drivers.imu.kvh import KVH1750, KvhOptions
 from drivers.imu.mip import MIP
 from drivers.imu.novatel.logs import NOVATEL_SPAN, NovatelOptions
@@ -116,6 +117,17 @@ def _rated(codec: Codec) -> list[bytes]:
     ]
 
 
+def _hg4930() -> list[bytes]:
+    rates = Hg4930Options(prefer="rates")
+    return [
+        HG4930.encode(_increments(1, temperature_c=-31.0), Hg4930Options()),
+        HG4930.encode(_rates(2), rates),
+        HG4930.encode(_increments(3, valid=False), Hg4930Options()),
+        HG4930.encode(_rates(4, temperature_c=31.0), rates),
+        HG4930.encode(_increments(5), Hg4930Options()),
+    ]
+
+
 def _stdbin() -> list[bytes]:
     aided = [
         HeadingRecord(t_rx_ns=0, t_device_s=12.5, heading_deg=123.5, roll_deg=1.5, pitch_deg=-2.5),
@@ -139,6 +151,7 @@ IMU: dict[str, list[bytes]] = {
     "mip": _either(MIP),
     "sbg-ecom": _rated(SBG_ECOM),
     "anpp": _rated(ANPP),
+    "hg4930": _hg4930(),
     "stdbin": _stdbin(),
 }
 IMU_STRONG = frozenset(IMU)

@@ -86,6 +86,11 @@ def _anpp(frame: bytes) -> bytes:
     return bytes([-sum(header) & 0xFF]) + header + frame[5:]
 
 
+def _hg4930(frame: bytes) -> bytes:
+    words = [int.from_bytes(frame[at : at + 2], "little") for at in range(0, len(frame) - 2, 2)]
+    return frame[:-2] + (sum(words) & 0xFFFF).to_bytes(2, "little")
+
+
 BINARY: dict[str, Seal] = {
     "kvh1750": _kvh,
     "stim300": _stim300,
@@ -95,6 +100,7 @@ BINARY: dict[str, Seal] = {
     "mip": lambda f: f[:-2] + fletcher8(f[:-2]),
     "sbg-ecom": lambda f: f[:-3] + crc16_kermit(f[2:-3]).to_bytes(2, "little") + b"\x33",
     "anpp": _anpp,
+    "hg4930": _hg4930,
     "stdbin": lambda f: f[:-4] + (sum(f[:-4]) & 0xFFFFFFFF).to_bytes(4, "big"),
     "pd0": lambda f: f[:-2] + (sum(f[:-2]) & 0xFFFF).to_bytes(2, "little"),
 }
