@@ -27,6 +27,7 @@ COMMANDS = [
     "demo",
     "replay",
     "export",
+    "report",
     "emulate",
     "check",
     "codecs",
