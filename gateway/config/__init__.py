@@ -39,7 +39,7 @@ from gateway.config.blocks import (
     UsblPrior,
 )
 from gateway.config.checks import cross_faults
-from gateway.config.zenoh import ZenohOutput, ZenohTls
+from gateway.config.zenoh import MapOrigin, ZenohOutput, ZenohRos, ZenohTls
 from gateway.errors import ConfigError
 from gateway.schema import build, draft, known, read_yaml
 
@@ -66,6 +66,7 @@ __all__ = [
     "LblDevice",
     "LblNoise",
     "LblPrior",
+    "MapOrigin",
     "NmeaOutput",
     "Output",
     "Realtime",
@@ -75,6 +76,7 @@ __all__ = [
     "UsblNoise",
     "UsblPrior",
     "ZenohOutput",
+    "ZenohRos",
     "ZenohTls",
     "load",
     "wire_format",

@@ -13,6 +13,13 @@ Endpoint = Annotated[
     ),
 ]
 File = Annotated[str, Meta(min_length=1)]
+RosName = Annotated[
+    str,
+    Meta(
+        pattern=r"\A(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*|/)\Z",
+        description="a namespace of ROS such as auv1 or fleet/auv1",
+    ),
+]
 
 
 class ZenohTls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -27,6 +34,31 @@ class ZenohTls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Both ends show a certificate."""
     verify_name: bool = True
     """Whether a router's certificate must be of the host that ``connect`` names."""
+
+
+class MapOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where a map begins; its axes are east, north and up there."""
+
+    lat_deg: Annotated[float, Meta(ge=-90, le=90)]
+    lon_deg: Annotated[float, Meta(ge=-180, le=360)]
+    height_m: float = 0.0
+
+
+class ZenohRos(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Messages of ROS 2 beside the JSON."""
+
+    origin: MapOrigin
+    keys: Literal["rmw_zenoh", "ros2dds"] = "rmw_zenoh"
+    """Who reads: a ROS 2 system with the Zenoh middleware, or the bridge to one with DDS."""
+    domain: Annotated[int, Meta(ge=0, le=232)] = 0
+    """``ROS_DOMAIN_ID``; the bridge has its own."""
+    namespace: RosName | None = None
+    """Of the topics; without it the vehicle's name."""
+    type_hashes: bool = True
+    """Keys with the hashes of types, as from Iron on; Humble has none."""
+    frame: str = "map"
+    child_frame: str = "base_link"
+    rate_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
 
 
 class ZenohOutput(
@@ -52,5 +84,6 @@ class ZenohOutput(
     """Its first line is the password of ``user``."""
     users_file: File | None = None
     """Who may connect here: lines of user:password."""
+    ros: ZenohRos | None = None
     config: dict[str, Any] = {}
     """Any further setting, in Zenoh's own words."""

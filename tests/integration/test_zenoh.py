@@ -14,6 +14,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from gateway.config import ZenohOutput
@@ -163,6 +164,27 @@ async def test_the_documented_subscriber_hears_the_vehicle() -> None:
         process.kill()
         await process.communicate()
     assert hearing.result().startswith(b'usblnav/auv1/nav {"utc_ns":')
+
+
+async def test_the_documented_question_is_answered() -> None:
+    text = (ROOT / "docs/outputs.md").read_text()
+    match = re.search(r"(?s)^python - <<'ASK'\n(.*?)^ASK$", text, re.MULTILINE)
+    assert match is not None
+    endpoint = free_endpoint()
+    program = match[1].replace("tcp/127.0.0.1:7447", endpoint)
+    async with open_publisher(peer(endpoint), "auv1") as publisher:
+        report = nav_report(solution(), OFFSET_NS)
+        times = [time.time_ns() - age_s * 10**9 for age_s in (150, 60, 0)]
+        for utc_ns in times:
+            publisher.publish("nav", msgspec.structs.replace(report, utc_ns=utc_ns))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE
+        )
+        said, _ = await asyncio.wait_for(process.communicate(), 15)
+    lines = [line.split() for line in said.decode().splitlines()]
+    assert [(key, int(utc_ns)) for key, utc_ns, *_ in lines] == [
+        ("usblnav/auv1/nav", utc_ns) for utc_ns in times[1:]
+    ]
 
 
 async def test_a_late_subscriber_gets_the_last_of_each_key_at_once() -> None:

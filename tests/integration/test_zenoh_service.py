@@ -3,17 +3,19 @@
 import asyncio
 import json
 import signal
+import struct
 import subprocess
 import sys
 import time
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 import pytest
 import zenoh
+from rosbags.typesys import Stores, get_typestore
 
-from gateway.config import ZenohOutput
+from gateway.config import MapOrigin, ZenohOutput, ZenohRos
 from gateway.outputs.schema import nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
@@ -21,7 +23,6 @@ from tests.integration.zenoh_ends import free_endpoint, session, until
 
 pytestmark = pytest.mark.live
 
-ROOT = Path(__file__).resolve().parents[2]
 NAV = "usblnav/auv1/nav"
 
 
@@ -164,3 +165,63 @@ async def test_a_killed_subscriber_is_not_felt() -> None:
             held.undeclare()
         await until(lambda: publisher.status().clients == 0)
         assert publisher.status().dropped == dropped == 0
+
+
+ORIGIN = MapOrigin(lat_deg=39.8, lon_deg=116.2)
+
+
+@dataclass
+class RosEar:
+    """What a ROS 2 system would see of a vehicle: its samples and its tokens."""
+
+    samples: dict[str, zenoh.Sample]
+    tokens: set[str]
+
+
+async def ros_ear(ros: ZenohRos) -> RosEar:
+    endpoint, samples = free_endpoint(), {}
+    async with open_publisher(ZenohOutput(listen=(endpoint,), ros=ros), "auv-1") as publisher:
+        with session(endpoint) as there:
+            held = there.declare_subscriber(
+                "**", lambda sample: samples.__setitem__(str(sample.key_expr), sample)
+            )
+            await until(lambda: len(samples) == 3, lambda: publish(publisher))
+            replies = await asyncio.to_thread(lambda: list(there.liveliness().get("@ros2_lv/**")))
+            held.undeclare()
+    del samples["usblnav/auv-1/nav"]
+    return RosEar(samples, {str(reply.ok.key_expr) for reply in replies if reply.ok})
+
+
+async def test_the_zenoh_middleware_of_ros_finds_odometry_and_fix() -> None:
+    ear = await ros_ear(ZenohRos(origin=ORIGIN, domain=3, rate_hz=1000.0))
+    (odometry,) = (sample for key, sample in ear.samples.items() if "Odometry" in key)
+    domain, namespace, topic, kind, kind_hash = str(odometry.key_expr).split("/")
+    assert (domain, namespace, topic, kind) == (
+        *("3", "auv_1", "odometry"),
+        "nav_msgs::msg::dds_::Odometry_",
+    )
+    store = get_typestore(Stores.ROS2_JAZZY)
+    assert kind_hash == store.hash_rihs01("nav_msgs/msg/Odometry")
+    message = store.deserialize_cdr(odometry.payload.to_bytes(), "nav_msgs/msg/Odometry")
+    assert message.header.frame_id == "map"
+    sequence, source_ns, size = struct.unpack_from("<qqB", odometry.attachment.to_bytes())
+    assert (sequence >= 1, size, len(odometry.attachment.to_bytes())) == (True, 16, 33)
+    assert abs(source_ns - time.time_ns()) < 20e9
+    assert odometry.encoding == zenoh.Encoding.APPLICATION_CDR
+    by_kind = {token.split("/")[5]: token.split("/") for token in ear.tokens}
+    assert by_kind["NN"][6:] == ["%", "%auv_1", "usblnav"]
+    assert len(ear.tokens) == 4
+    published = {token.split("/")[9] for token in ear.tokens if "/MP/" in token}
+    assert published == {"%auv_1%odometry", "%auv_1%fix", "%diagnostics"}
+    identities = [(token.split("/")[2], token.split("/")[4]) for token in ear.tokens]
+    assert len(set(identities)) == 4
+
+
+async def test_the_bridge_of_ros_to_dds_finds_them_by_their_topics() -> None:
+    settings = ZenohRos(origin=ORIGIN, keys="ros2dds", namespace="/fleet/auv1", rate_hz=1000.0)
+    ear = await ros_ear(settings)
+    assert set(ear.samples) == {"fleet/auv1/odometry", "fleet/auv1/fix"}
+    assert ear.tokens == set()
+    fix = ear.samples["fleet/auv1/fix"].payload.to_bytes()
+    message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(fix, "sensor_msgs/msg/NavSatFix")
+    assert (message.latitude, message.status.status) == (pytest.approx(39.8), 0)

@@ -25,6 +25,7 @@ from gateway.outputs.readers import Readers
 from gateway.outputs.sinks import SinkStatus
 from gateway.outputs.zenoh.answers import Answers
 from gateway.outputs.zenoh.past import Past
+from gateway.outputs.zenoh.ros import RosTopics
 from gateway.outputs.zenoh.session import NoSessionError, open_session, refuses, stamp, why_not
 
 log = logging.getLogger(__name__)
@@ -85,6 +86,7 @@ class ZenohPublisher:
         self.name = f"zenoh {settings.mode}"
         self.tried = asyncio.Event()
         self._settings = settings
+        self._vehicle = vehicle
         self._prefix = f"usblnav/{vehicle}"
         self._encoder = msgspec.json.Encoder()
         self._past: dict[str, Past] = {topic: Past(settings.history_s) for topic in SERVICES}
@@ -107,6 +109,8 @@ class ZenohPublisher:
         else:
             self._dropped += 1
         self._past[topic].add(utc_ns, payload)
+        if self._line is not None and self._line.ros is not None:
+            self._put_ros(self._line.ros, topic, report)
 
     def _put(self, topic: str, payload: bytes, utc_ns: int) -> bool:
         line = self._line
@@ -117,6 +121,15 @@ class ZenohPublisher:
         except zenoh.ZError:
             return False
         return True
+
+    def _put_ros(self, ros: RosTopics, topic: Topic, report: Any) -> None:
+        try:
+            if topic == "nav":
+                ros.nav(report)
+            elif topic == "status":
+                ros.status(report)
+        except zenoh.ZError:
+            self._dropped += 1
 
     def status(self) -> SinkStatus:
         """Counts and health, now; who connects is up only while the far end is there."""
@@ -175,7 +188,7 @@ class ZenohPublisher:
             self._note_down(why)
 
     def _open(self) -> "_Line":
-        session = open_session(self._settings)
+        session, ros = open_session(self._settings), self._settings.ros
         try:
             source = session.new_timestamp().get_id()
             answers = Answers(self._prefix, self._past, source)
@@ -186,6 +199,7 @@ class ZenohPublisher:
                 {topic: _declare(session, key, SERVICES[topic]) for topic, key in keys.items()},
                 session.liveliness().declare_token(self._prefix),
                 session.declare_queryable(f"{self._prefix}/*", answers.answer),
+                None if ros is None else RosTopics(session, ros, self._vehicle),
             )
         except zenoh.ZError:
             session.close()
@@ -211,6 +225,7 @@ class _Line:
     publishers: dict[str, ext.AdvancedPublisher]
     token: zenoh.LivelinessToken
     queryable: zenoh.Queryable[None]
+    ros: RosTopics | None
 
     def close(self) -> None:
         """Close the session; a process that ends with callbacks declared and no close hangs."""
