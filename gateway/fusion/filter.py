@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.engine import Track
 from gateway.fusion import robust
+from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import (
     Linearised,
     innovation_covariance,
@@ -42,6 +43,10 @@ LONG_GAP_S = 2.0
 """Longest gap in which it may: after more the vehicle has moved unseen."""
 CAREFUL_PARTS = 30
 """Parts in which a fix is used while the estimate may be far off, each linearised anew."""
+STRAIGHT = 0.2
+"""By how much of its sigma a fix may bend on the way of an update and count as straight."""
+LOOKS = 8
+"""How often a fix that bends is looked at again."""
 LOST = 0.3
 """Uncertainty over the range from which on a fix gives the place, and angles are not linear."""
 ANYWHERE, ANY_VELOCITY = 30.0, 10.0
@@ -177,7 +182,7 @@ class Filter:
             self._use_with_care(z, fix, track)
         else:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
-            self._update(_weakened(z, weakening))
+            self._update_along(_weakened(z, weakening), fix, track)
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
         memory.used += 1
@@ -211,6 +216,26 @@ class Filter:
             P[POS, POS] += (ANYWHERE * slant_range) ** 2 * np.eye(3)
             P[VEL, VEL] += ANY_VELOCITY**2 * np.eye(3)
         self._update(found)
+
+    def _update_along(self, z: Linearised, fix: Fix, track: Track) -> None:
+        """Update; where the fix bends on the way, again from the start as it is seen at the end.
+
+        The most likely state by Gauss and Newton: what is believed of a fix is what it tells where
+        the vehicle is, not where it was thought to be.  # (M.38)
+        """
+        prior, at = self.memory.state.copy(), z
+        for _ in range(LOOKS):
+            self._update(at)
+            way = FAMILY["additive"].boxminus(self.memory.state, prior, self.origin_e)
+            seen = self._observe(fix, track)
+            if isinstance(seen, str) or seen.names != z.names:
+                return
+            bent = seen.residual - (at.residual + at.H @ way)
+            if (bent**2 <= STRAIGHT**2 * z.R.diagonal()).all():
+                return
+            at = replace(z, residual=seen.residual - seen.H @ way, H=seen.H)
+            self.memory.state = prior.copy()
+        self._update(at)
 
     def _update(self, z: Linearised) -> None:
         """Correct the state."""

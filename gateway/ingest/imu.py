@@ -35,6 +35,8 @@ class ImuIngest(DeviceIngest):
         self._counted = 0
         self._worst = 0.0
         self._t_last_ns: int | None = None
+        self._bridged = 0
+        self._overdue_ns = 0
         self._chunk: list[ImuRecord] = []
         # One sample at a time, mostly: what numpy does at once for many costs more for one.
         self._t = array("q")
@@ -61,6 +63,11 @@ class ImuIngest(DeviceIngest):
             self._source = source
             self._clock = self._make_clock()
         arrived = [self._left_instrument_ns(record) for record in records]
+        if self._bridged and source == "frames":
+            overdue = self._overdue(len(records), arrived[-1])
+            records, arrived = records[overdue:], arrived[overdue:]
+            if not records:
+                return
         values = self._values(records, arrived[-1])
         ticks = self._clock.take(list(zip(values, arrived, strict=True)))
         for record, tick in zip(records, ticks, strict=True):
@@ -129,12 +136,29 @@ class ImuIngest(DeviceIngest):
             self.counts.ignored["repeated"] += 1
             return
         dt_s = step_s * (1.0 + self._clock.drift)
-        self._t_last_ns = t_ns = max(t_ns, self._t_last_ns + round(dt_s * SLOWEST * 1e9))
         samples = max(1, round(step_s / self._period_s))
+        hasty = samples == 1 and t_ns < self._t_last_ns + round(0.5e9 * dt_s)
+        if hasty and self._bridged and self._overdue(1, t_ns):
+            return
         if samples > 1:
             self.counts.gaps += 1
             self.counts.missing += samples - 1
+            self._bridged, self._overdue_ns = samples - 1, t_ns + round(step_s * 1e9)
+        self._t_last_ns = t_ns = max(t_ns, self._t_last_ns + round(dt_s * SLOWEST * 1e9))
         self._add(record, t_ns, dt_s, samples)
+
+    def _overdue(self, arrived: int, t_ns: int) -> int:
+        """Of samples that came together, how many are made up for already; they are left out.
+
+        After a silence what waited in a queue may come as fast as the line can. Where neither count
+        nor time tells it from the present, that it comes too fast does: as many as were missed.
+        """
+        if t_ns > self._overdue_ns:
+            self._bridged = 0
+        overdue = min(self._bridged, max(0, arrived - round(self._clock.expected(t_ns))))
+        self._bridged -= overdue
+        self.counts.ignored["overdue"] += overdue
+        return overdue
 
     def _add(self, record: ImuRecord, t_ns: int, dt_s: float, samples: int) -> None:
         """Add the increments over `dt_s`, missing samples taken to be like the one that came."""

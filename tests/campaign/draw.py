@@ -209,7 +209,7 @@ def _fault(dice: Dice, duration_s: float) -> Data:
     kind = dice.one(*_OF_ANY, *_OF_IMU)
     device = "imu0" if kind in _OF_IMU else dice.one("imu0", "usbl0")
     block: Data = {"fault": kind, "device": device}
-    at_s = dice.between(20.0, duration_s - 20.0)
+    at_s = dice.between(0.1 * duration_s, 0.9 * duration_s)
     long = device == "usbl0"
     match kind:
         case "flip" | "truncate" | "junk" | "duplicate" | "reorder" | "drop":

@@ -11,6 +11,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.capture.streams import Payload
+from drivers.senders import Senders
 from gateway.clock import ClockReport
 from gateway.config import Config
 from gateway.emulator import twin
@@ -81,7 +83,7 @@ class Wire:
         self.sent = {name: Sent() for name in scenario.devices}
         self.units = {name: Units() for name in scenario.devices}
 
-    def __iter__(self) -> Iterator[tuple[str, bytes, int]]:
+    def __iter__(self) -> Iterator[Payload]:
         """Bytes of one moment are one chunk, but for packets."""
         waiting: dict[str, tuple[int, bytes]] = {}
         stamped = dict.fromkeys(self.sent, 0)
@@ -92,11 +94,12 @@ class Wire:
                 continue
             t_ns = self._t0_ns + round(e.t * 1e9)
             for name in [n for n, (t, _) in waiting.items() if t < t_ns or self._packets[n]]:
-                yield name, waiting[name][1], self._stamp(stamped, name, waiting.pop(name)[0])
+                stamp = self._stamp(stamped, name, waiting[name][0])
+                yield Payload(name, waiting.pop(name)[1], stamp, "")
             before = waiting.get(e.device, (t_ns, b""))[1]
             waiting[e.device] = t_ns, before + e.data
         for name, (t_ns, data) in waiting.items():
-            yield name, data, self._stamp(stamped, name, t_ns)
+            yield Payload(name, data, self._stamp(stamped, name, t_ns), "")
 
     @staticmethod
     def _stamp(stamped: dict[str, int], name: str, t_ns: int) -> int:
@@ -116,9 +119,7 @@ def run(number: int, data: dict[str, Any], error: str) -> Result:
     config = chosen(msgspec.convert(twin.gateway_config(scenario), Config), error)
     trajectory = Trajectory(scenario.trajectory, scenario.duration_s)
     wire, devices = Wire(scenario, trajectory), intakes(config)
-    watched = {name: WatchedDecoder(intake._decoder) for name, intake in devices.items()}
-    for name, intake in devices.items():
-        intake._decoder = watched[name]
+    watched = {name: _watch(intake) for name, intake in devices.items()}
     begun = time.process_time()
     forward = ForwardPass(config, RATE_HZ)
     solutions: list[NavSolution] = []
@@ -152,6 +153,13 @@ def run(number: int, data: dict[str, Any], error: str) -> Result:
         took_s=took_s,
         faults=faults,
     )
+
+
+def _watch(intake: Intake) -> WatchedDecoder:
+    """Have a device's decoder watched; all its bytes are of one sender."""
+    watched = WatchedDecoder(intake.senders._make())
+    intake.senders = Senders(lambda: watched)
+    return watched
 
 
 def _row(codec: str, name: str, wire: Wire, watched: WatchedDecoder, intake: Intake) -> DeviceRow:

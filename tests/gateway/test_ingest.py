@@ -478,3 +478,31 @@ def test_one_intake_for_each_device_of_a_configuration():
     (fix,) = ways["usbl0"].flush()
     assert isinstance(fix, UsblFix)
     assert fix.bearing == pytest.approx(np.pi / 2.0, abs=1e-3)
+
+
+# --- the IMU: a silence and then all at once -------------------------------------------------
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_what_comes_late_after_a_silence_is_not_added_twice(counted):
+    """The line stalls for 1.4 s and hands over what waited, frame by frame, at the line's rate.
+
+    Where the count turns over in less, and where there is none, nothing but their haste tells these
+    frames from the present.
+    """
+    sequence = {} if counted else {"sequence": None}
+    frames, stalled, line_ns = 2000, range(1000, 1280), 40_000
+    left = T0
+    records = []
+    for k in range(frames):
+        ready = T0 + (stalled.stop if k in stalled else k) * PERIOD_NS
+        left = max(ready, left + line_ns)
+        records.append(sample(k, left, **sequence))
+    ingest = imu()
+    t_ns, rows = taken(ingest, records)
+    assert rows[:, 0].sum() == pytest.approx(frames * 0.005, abs=0.02)
+    assert (t_ns[-1] - t_ns[0]) * 1e-9 == pytest.approx(frames * 0.005, abs=0.02)
+    told = ingest.counts
+    assert told.records == told.measurements + told.ignored.total() == frames
+    assert told.measurements + told.missing == pytest.approx(frames, abs=4)
+    np.testing.assert_allclose(rows[:, 1:4].sum(axis=0), frames * np.array(ANGLE), rtol=2e-3)
