@@ -5,15 +5,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 
 from gateway import replay
 from gateway.config import load
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
-from tests.gateway.emulated import START, demo_data
+from tests.gateway.emulated import demo_data
 from tests.integration.scores import errors, read
 
+START = 1_780_012_770.0
+"""Half a minute before midnight."""
 DURATION_S, SETTLED_S = 75.0, 20.0
 OUTAGE_S = (40.0, 65.0)
 IMU = {
@@ -50,6 +53,27 @@ S2C = {
     "prior": {"mounting_deg": 0.2, "range_scale": 0.002},
     "missed_probability": 0.1,
     "outliers": {"probability": 0.03},
+}
+HIPAP = {
+    "kind": "usbl",
+    "codec": "psimssb",
+    "port": {"type": "udp", "port": 7002},
+    "clock": {"source": "device", "latency_ms": 400.0},
+    "jitter_ms": 20.0,
+    "period_s": 1.0,
+    "lever_arm_m": [0.5, 0.0, 0.8],
+    "noise": {
+        "bearing_deg": 0.3,
+        "elevation_deg": 0.3,
+        "range_m": 0.2,
+        "tilt_deg": 0.1,
+        "heading_deg": 0.5,
+    },
+    "prior": {"bearing_deg": 0.3, "range_scale": 0.002},
+    "outliers": {"probability": 0.03},
+    "missed_probability": 0.1,
+    "no_reply": "NRy",
+    "timeout_s": 0.7,
 }
 LBL = {
     "kind": "lbl",
@@ -132,3 +156,14 @@ def test_four_ranges_of_a_long_baseline(tmp_path: Path) -> None:
     }
     folder = mission(LBL, beacons, 3, tmp_path)
     assert len(used(folder, "range_m")) > 45
+
+
+@pytest.mark.parametrize("axes", ["level", "north"])
+def test_fixes_that_a_topside_has_turned(axes: str, tmp_path: Path) -> None:
+    """Two beacons in turn, by the second of the day in the sentences, midnight among them."""
+    beacons = {
+        "B01": {"lat_deg": 39.8004, "lon_deg": 116.2, "height_m": -60.0},
+        "B02": {"lat_deg": 39.7997, "lon_deg": 116.2005, "height_m": -70.0, "turnaround_ms": 40.0},
+    }
+    folder = mission(HIPAP | {"axes": axes}, beacons, 5, tmp_path)
+    assert len(used(folder, "range_m")) > 50
