@@ -83,7 +83,7 @@ def acoustic_errors(scenario: Scenario, name: str, model: UsblModel) -> Acoustic
 def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory) -> Fixes:
     """All replies of a scenario."""
     array = _MovingArray(scenario, name, model, trajectory)
-    moored = Moorings.of(scenario.beacons)
+    moored = Moorings.of(scenario.beacons, model.beacons)
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
     which = np.arange(t_ping.size) % len(moored.names)
     b_e, turnaround, two_way = moored.r_e[which], moored.turnaround[which], moored.two_way[which]

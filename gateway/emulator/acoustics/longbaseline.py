@@ -62,14 +62,13 @@ def lbl_constants(scenario: Scenario, name: str, model: LblModel) -> LblConstant
 def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Trajectory) -> Replies:
     """All replies of a scenario."""
     constants = lbl_constants(scenario, name, model)
-    names = model.beacons or tuple(scenario.beacons)
-    moored = Moorings.of({beacon: scenario.beacons[beacon] for beacon in names})
+    moored = Moorings.of(scenario.beacons, model.beacons)
     c = scenario.true_sound_speed_m_s or scenario.sound_speed_m_s
     ear = Ear(trajectory, np.array(model.lever_arm_m) + constants.lever_arm, c)
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
-    asked = np.ones((t_ping.size, len(names)), np.bool_)
+    asked = np.ones((t_ping.size, len(moored.names)), np.bool_)
     if model.asks == "in_turn":
-        asked = np.arange(t_ping.size)[:, None] % len(names) == np.arange(len(names))
+        asked = np.arange(t_ping.size)[:, None] % len(moored.names) == np.arange(len(moored.names))
     t_rx, travel_time, rate = np.empty((3, *asked.shape))
     for m, (b_e, turnaround, two_way) in enumerate(
         zip(moored.r_e, moored.turnaround, moored.two_way, strict=True)
@@ -90,7 +89,7 @@ def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Traj
     near = (one_way > 0.0) & (one_way * scenario.sound_speed_m_s < model.max_range_m)
     answered = rng("missed").random(asked.shape) >= model.missed_probability
     return Replies(
-        names=list(names),
+        names=moored.names,
         t_ping=t_ping,
         t_rx=t_rx,
         one_way=one_way,

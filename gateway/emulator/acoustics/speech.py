@@ -48,10 +48,10 @@ def _fault(model: UsblModel | LblModel, beacon: str, record: Record) -> str | No
 
 def _structure(scenario: Scenario, model: UsblModel | LblModel) -> str | None:
     """Names of beacons and elements that are not there."""
+    for k, beacon in enumerate(model.beacons):
+        if beacon not in scenario.beacons:
+            return f'beacons[{k}]: no beacon is called "{beacon}"'
     if isinstance(model, LblModel):
-        for k, beacon in enumerate(model.beacons):
-            if beacon not in scenario.beacons:
-                return f'beacons[{k}]: no beacon is called "{beacon}"'
         asked = model.beacons or tuple(scenario.beacons)
         if model.rate_of is not None and model.rate_of not in asked:
             return f'rate_of: it asks no beacon called "{model.rate_of}"'
@@ -72,7 +72,7 @@ def _samples(scenario: Scenario, model: UsblModel | LblModel) -> Samples:
 
 def _sightings(scenario: Scenario, model: UsblModel) -> Samples:
     """One of each message about each beacon."""
-    names = list(scenario.beacons)
+    names = list(model.beacons or scenario.beacons)
     n, one = len(names), np.ones(len(names))
     fixes = Fixes(
         t_tx=0.0 * one,

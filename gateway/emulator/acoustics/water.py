@@ -84,11 +84,12 @@ class Moorings:
     two_way: Mask
 
     @classmethod
-    def of(cls, beacons: dict[str, Beacon]) -> "Moorings":
-        """The beacons in their order."""
-        blocks = list(beacons.values())
+    def of(cls, beacons: dict[str, Beacon], asked: tuple[str, ...]) -> "Moorings":
+        """Those that are asked, in their order; all if none is named."""
+        names = list(asked or beacons)
+        blocks = [beacons[name] for name in names]
         return cls(
-            list(beacons),
+            names,
             np.stack([place(beacon) for beacon in blocks]),
             np.array([1e-3 * beacon.turnaround_ms for beacon in blocks]),
             np.array([beacon.travel == "two_way" for beacon in blocks]),

@@ -86,13 +86,15 @@ class LblErrors(Block, frozen=True):
 class _Acoustic(Block, frozen=True, kw_only=True):
     """What all that hear beacons have in common.
 
-    ``jitter_ms`` is the mean of an exponential extra latency, ``timeout_s`` how long a reply is
-    waited for (by default twice the way over ``max_range_m``).
+    ``beacons`` are those it asks: all of the file unless named. ``jitter_ms`` is the mean of an
+    exponential extra latency, ``timeout_s`` how long a reply is waited for (by default twice the
+    way over ``max_range_m``).
     """
 
     codec: str
     port: AnyPort
     options: dict[str, Any] = msgspec.field(default_factory=dict)
+    beacons: tuple[str, ...] = ()
     clock: Clock = Clock()
     jitter_ms: NonNegative = 0.0
     time: ToldTime = ToldTime()
@@ -104,7 +106,7 @@ class _Acoustic(Block, frozen=True, kw_only=True):
 
 
 class UsblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="usbl"):
-    """An acoustic array that pings the beacons in turn, one every ``period_s``.
+    """An acoustic array that asks its beacons in turn, one every ``period_s``.
 
     Attributes
     ----------
@@ -145,12 +147,10 @@ class UsblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="usb
 
 
 class LblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="lbl"):
-    """A transducer that asks its beacons every ``period_s``.
+    """A transducer that asks moored transponders every ``period_s``.
 
     Attributes
     ----------
-    beacons
-        Whom it asks; all beacons of the file unless named.
     asks
         ``together``: one ping for all, said when the last has answered or the time is over.
         ``in_turn``: one beacon a ping, said when it answers.
@@ -160,7 +160,6 @@ class LblModel(_Acoustic, frozen=True, kw_only=True, tag_field="kind", tag="lbl"
 
     noise: LblNoise
     period_s: Positive = 10.0
-    beacons: tuple[str, ...] = ()
     asks: Literal["together", "in_turn"] = "together"
     rate_of: str | None = None
     prior: LblPrior = LblPrior()
