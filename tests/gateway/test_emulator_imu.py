@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from drivers import registry
 from gateway.config import Config
 from gateway.emulator import twin
 from gateway.emulator.instruments import stream
@@ -88,6 +89,12 @@ UNITS: dict[str, dict[str, Any]] = {
     "anpp running": {"codec": "anpp", "options": {"with_time": True, "time": "running"}},
     "stdbin v3": {"codec": "stdbin", "options": {"version": 3}},
     "stdbin v5": {"codec": "stdbin", "temperature_c": 31.0},
+}
+_NAMED = {unit["codec"] for unit in UNITS.values()}
+UNITS |= {
+    codec.name: {"codec": codec.name}
+    for codec in registry.all_codecs()
+    if codec.kind == "imu" and codec.name not in _NAMED
 }
 
 
