@@ -17,6 +17,8 @@ Vector = tuple[float, float, float]
 MICROSECOND = 1e-6
 SLOWEST = 0.25
 """Fraction of its interval by which a sample follows the one before at least."""
+QUEUE_S, QUEUE_SHARE = 0.1, 0.1
+"""How late the first sample after a silence may be, also in parts of the silence."""
 WORST_KEPT_S = 10.0
 """How long it is remembered how late frames that are not counted may come."""
 
@@ -35,8 +37,8 @@ class ImuIngest(DeviceIngest):
         self._counted = 0
         self._worst = 0.0
         self._t_last_ns: int | None = None
-        self._bridged = 0
-        self._overdue_ns = 0
+        self._bridged = self._since = 0
+        self._silence_s, self._silent_until_ns = 0.0, 0
         self._chunk: list[ImuRecord] = []
         # One sample at a time, mostly: what numpy does at once for many costs more for one.
         self._t = array("q")
@@ -137,13 +139,13 @@ class ImuIngest(DeviceIngest):
             return
         dt_s = step_s * (1.0 + self._clock.drift)
         samples = max(1, round(step_s / self._period_s))
-        hasty = samples == 1 and t_ns < self._t_last_ns + round(0.5e9 * dt_s)
-        if hasty and self._bridged and self._overdue(1, t_ns):
+        if self._bridged and self._source != "frames" and self._overdue(1, t_ns):
             return
         if samples > 1:
             self.counts.gaps += 1
             self.counts.missing += samples - 1
-            self._bridged, self._overdue_ns = samples - 1, t_ns + round(step_s * 1e9)
+            self._bridged, self._since = samples - 1, 0
+            self._silence_s, self._silent_until_ns = step_s, t_ns
         self._t_last_ns = t_ns = max(t_ns, self._t_last_ns + round(dt_s * SLOWEST * 1e9))
         self._add(record, t_ns, dt_s, samples)
 
@@ -151,12 +153,15 @@ class ImuIngest(DeviceIngest):
         """Of samples that came together, how many are made up for already; they are left out.
 
         After a silence what waited in a queue may come as fast as the line can. Where neither count
-        nor time tells it from the present, that it comes too fast does: as many as were missed.
+        nor time tells it from the present, it shows in that more come than were taken meanwhile.
         """
-        if t_ns > self._overdue_ns:
+        if t_ns > self._silent_until_ns + round(self._silence_s * 1e9):
             self._bridged = 0
-        overdue = min(self._bridged, max(0, arrived - round(self._clock.expected(t_ns))))
+        queue_s = min(QUEUE_S, QUEUE_SHARE * self._silence_s)
+        taken = ((t_ns - self._silent_until_ns) * 1e-9 + queue_s) / self._period_s
+        overdue = min(self._bridged, arrived, max(0, int(self._since + arrived - taken)))
         self._bridged -= overdue
+        self._since += arrived - overdue
         self.counts.ignored["overdue"] += overdue
         return overdue
 
