@@ -67,6 +67,8 @@ class Codec:
         Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it.
     counting
         How its sequence numbers and its time run.
+    also
+        The kinds of what else is in its stream, for devices that share the line.
     """
 
     name: str
@@ -76,3 +78,9 @@ class Codec:
     decoder: Callable[[Any], Decoder]
     encode: Callable[[Any, Any], bytes]
     counting: Counting = Counting()
+    also: tuple[Kind, ...] = ()
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What kinds of device it speaks for."""
+        return (self.kind, *self.also)

@@ -71,11 +71,7 @@ class _Daemon:
         self._stop = asyncio.Event()
         self._collector = realtime.Collector()
         self._feeds: list[Feed] = []
-        ways_in = intakes(config)
-        self._lines = [
-            Line(name, device.kind, device.codec, ways_in[name])
-            for name, device in config.devices.items()
-        ]
+        self._lines = [Line(intake) for intake in dict.fromkeys(intakes(config).values())]
         rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])
         path = statefile.place(config.state)
         resume = None if cold or path is None else statefile.resume(path, config, bootclock.now())
@@ -110,7 +106,11 @@ class _Daemon:
                 tasks += [group.create_task(self._until_ended(feed)) for feed in self._feeds]
                 sources = [group.create_task(self._ready()), group.create_task(self._watch())]
                 sources += [group.create_task(self._read(line)) for line in self._lines]
-                sources += [group.create_task(self._feel(line)) for line in self._lines]
+                sources += [
+                    group.create_task(self._feel(line, device))
+                    for line in self._lines
+                    for device in line.intake.ingests
+                ]
                 await self._stop.wait()
                 systemd.notify_stopping()
                 for task in sources:
@@ -121,7 +121,7 @@ class _Daemon:
         _log.info("stopped")
 
     async def _read(self, line: Line) -> None:
-        """Bring one device's bytes to the filter, for as long as the daemon runs."""
+        """Bring one line's bytes to the filter, for as long as the daemon runs."""
         settings = self._config.devices[line.name].link
 
         async def once(alive: Alive) -> None:
@@ -143,9 +143,9 @@ class _Daemon:
 
         await keep_running(line.name, once)
 
-    async def _feel(self, line: Line) -> None:
-        """Tell a device's intake of the pulses that begin its seconds, where there are any."""
-        pulses = self._config.devices[line.name].clock.pulses
+    async def _feel(self, line: Line, device: str) -> None:
+        """Tell a device of the pulses that begin its seconds, where there are any."""
+        pulses = self._config.devices[device].clock.pulses
         if pulses is None:
             return
 
@@ -153,10 +153,10 @@ class _Daemon:
             async for t_ns in edges(pulses):
                 alive()
                 if self._recorder is not None:
-                    self._recorder.pulse(line.name, t_ns)
-                line.intake.pulse(t_ns)
+                    self._recorder.pulse(device, t_ns)
+                line.intake.pulse(t_ns, device)
 
-        await keep_running(f"{line.name} pulses", once)
+        await keep_running(f"{device} pulses", once)
 
     def _hand_on(self, line: Line, chunk: Chunk) -> None:
         """Decode a chunk and give the filter what came of it."""
@@ -218,7 +218,7 @@ class _Daemon:
         await self._host.ready.wait()
         self._collector.settle()
         systemd.notify_ready()
-        _log.info("ready: %s", ", ".join(line.name for line in self._lines))
+        _log.info("ready: %s", ", ".join(self._config.devices))
 
     async def _watch(self) -> None:
         """Publish the status, raise alarms, and feed the watchdog while solutions flow."""

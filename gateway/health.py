@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -11,7 +11,7 @@ from drivers.links import LinkCounts
 from gateway.clock import ClockReport
 from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
-from gateway.ingest import Intake
+from gateway.ingest import Ingest, Intake
 from gateway.latency import Passage, StageReport, Stages
 from gateway.messages import FilterCounts
 from gateway.modes import Mode
@@ -72,10 +72,15 @@ class LinkReport(msgspec.Struct, frozen=True):
 
 
 class DeviceReport(msgspec.Struct, frozen=True):
-    """One device: its line, and what became of its bytes."""
+    """One device: its line, and what became of its bytes.
+
+    ``line`` is the device that names the line: the bytes of one that several share, and what of it
+    nobody takes, are counted there alone.
+    """
 
     kind: DeviceKind
     codec: str
+    line: str
     silent_s: float | None
     bytes: int
     records: int
@@ -109,56 +114,120 @@ class HealthReport(msgspec.Struct, frozen=True):
 
 
 @dataclass
-class Line:
-    """One device as the daemon runs it."""
+class Voice:
+    """One device as it is heard: when it spoke, and whether its silence has been said."""
 
     name: str
     kind: DeviceKind
-    codec: str
-    intake: Intake
-    link: LinkCounts = field(default_factory=LinkCounts)
+    ingest: Ingest
     heard_at: float | None = None
-    place: str | None = None
-    up: bool = False
-    times_opened: int = 0
+    _records: int = field(default=0, init=False)
     _quiet_since: float | None = field(default=None, init=False)
     _said_silent: bool = field(default=False, init=False)
 
-    def opened(self, now: float, place: str) -> None:
-        """Note that the line is open, and what it is called."""
+    def opened(self, now: float) -> None:
+        """Note that its line is open."""
         self._quiet_since = now
-        self.place, self.up = place, True
-        self.times_opened += 1
 
     def heard(self, now: float) -> None:
-        """Note that bytes came."""
+        """Note that it spoke."""
         self.heard_at = self._quiet_since = now
 
     def lost(self) -> None:
-        """Note that the line is gone, which is said by those who try to open it again."""
+        """Note that its line is gone."""
         self._quiet_since, self._said_silent = None, False
-        self.up = False
 
-    def report(self, now: float) -> DeviceReport:
-        """Counts of the device and of its link."""
-        counts, link = self.intake.counts, self.link
-        return DeviceReport(
-            kind=self.kind,
-            codec=self.codec,
-            silent_s=None if self.heard_at is None else round(now - self.heard_at, 2),
-            bytes=counts.bytes,
-            records=counts.records,
-            measurements=counts.measurements,
-            rejected=dict(counts.rejected),
-            rejected_bytes=counts.rejected_bytes,
-            ignored=dict(counts.ignored),
-            gaps=counts.gaps,
-            missing=counts.missing,
-            refused_datagrams=link.refused,
-            kernel_dropped=link.kernel_dropped,
-            link=self._link_report(),
-            clock=self.intake.clock_report(),
-        )
+    def watch(self, now: float) -> None:
+        """Say once that it is silent on an open line, and once that it speaks again."""
+        if self._quiet_since is None:
+            return
+        quiet_s, limit_s = now - self._quiet_since, SILENT_S[self.kind]
+        if self.heard_at is None:
+            limit_s = max(limit_s, FIRST_S)
+        if quiet_s <= limit_s and self._said_silent:
+            _log.info("%s: speaks", self.name)
+        elif quiet_s > limit_s and not self._said_silent:
+            _log.warning("%s: silent for %.0f s", self.name, quiet_s)
+        self._said_silent = quiet_s > limit_s
+
+    def listen(self, now: float) -> None:
+        """Find by its records whether it spoke, where bytes of a line may be another's."""
+        records, self._records = self._records, self.ingest.counts.records
+        if self._records > records:
+            self.heard(now)
+
+
+@dataclass
+class Line:
+    """One line as the daemon runs it, with the devices that share it."""
+
+    intake: Intake
+    link: LinkCounts = field(default_factory=LinkCounts)
+    place: str | None = None
+    up: bool = False
+    times_opened: int = 0
+    voices: list[Voice] = field(init=False)
+
+    def __post_init__(self) -> None:
+        kinds = self.intake.kinds
+        self.voices = [Voice(n, kinds[n], ingest) for n, ingest in self.intake.ingests.items()]
+
+    @property
+    def name(self) -> str:
+        """That of its first device."""
+        return self.intake.name
+
+    def opened(self, now: float, place: str) -> None:
+        """Note that the line is open, and what it is called."""
+        self.place, self.up = place, True
+        self.times_opened += 1
+        for voice in self.voices:
+            voice.opened(now)
+
+    def heard(self, now: float) -> None:
+        """Note that bytes came; of whom among several, their records tell."""
+        if len(self.voices) == 1:
+            self.voices[0].heard(now)
+
+    def lost(self) -> None:
+        """Note that the line is gone, which is said by those who try to open it again."""
+        self.up = False
+        for voice in self.voices:
+            voice.lost()
+
+    def watch(self, now: float) -> None:
+        """Say of whom nothing is heard."""
+        for voice in self.voices:
+            if len(self.voices) > 1:
+                voice.listen(now)
+            voice.watch(now)
+
+    def reports(self, now: float) -> Iterator[tuple[str, DeviceReport]]:
+        """By device its counts and its line's, of which the first one has the bytes."""
+        link = self._link_report()
+        for voice in self.voices:
+            counts, heard_at = voice.ingest.counts, voice.heard_at
+            yield (
+                voice.name,
+                DeviceReport(
+                    kind=voice.kind,
+                    codec=self.intake.codec,
+                    line=self.name,
+                    silent_s=None if heard_at is None else round(now - heard_at, 2),
+                    bytes=counts.bytes,
+                    records=counts.records,
+                    measurements=counts.measurements,
+                    rejected=dict(counts.rejected),
+                    rejected_bytes=counts.rejected_bytes,
+                    ignored=dict(counts.ignored),
+                    gaps=counts.gaps,
+                    missing=counts.missing,
+                    refused_datagrams=self.link.refused,
+                    kernel_dropped=self.link.kernel_dropped,
+                    link=link,
+                    clock=voice.ingest.clock_report(),
+                ),
+            )
 
     def _link_report(self) -> LinkReport:
         senders = self.intake.senders
@@ -176,19 +245,6 @@ class Line:
                 for who, told in counted.items()
             },
         )
-
-    def watch(self, now: float) -> None:
-        """Say once that an open line is silent, and once that it speaks again."""
-        if self._quiet_since is None:
-            return
-        quiet_s, limit_s = now - self._quiet_since, SILENT_S[self.kind]
-        if self.heard_at is None:
-            limit_s = max(limit_s, FIRST_S)
-        if quiet_s <= limit_s and self._said_silent:
-            _log.info("%s: speaks", self.name)
-        elif quiet_s > limit_s and not self._said_silent:
-            _log.warning("%s: silent for %.0f s", self.name, quiet_s)
-        self._said_silent = quiet_s > limit_s
 
 
 class Losses:
@@ -255,8 +311,8 @@ class Health:
         now = self._clock()
         if now - self._solved_at < FLOWING_S:
             return True
-        heard = [ln.heard_at for ln in self._lines if ln.kind == "imu" and ln.heard_at is not None]
-        return all(now - at > FLOWING_S for at in heard)
+        imus = (v for line in self._lines for v in line.voices if v.kind == "imu")
+        return all(now - v.heard_at > FLOWING_S for v in imus if v.heard_at is not None)
 
     def watch(self) -> None:
         """Raise the alarms that time brings."""
@@ -279,7 +335,7 @@ class Health:
             up_s=round(now - self._begun, 1),
             mode=Mode.INVALID if self._nav is None else self._nav.mode,
             fix_age_s=None if self._nav is None else self._nav.fix_age_s,
-            devices={line.name: line.report(now) for line in self._lines},
+            devices=dict(report for line in self._lines for report in line.reports(now)),
             filter=self._host.status,
             totals=self.totals,
             outputs=[feed.status() for feed in self._feeds],

@@ -90,7 +90,7 @@ def run(
                 one.take(measurement)
             tell("reading" if smooth else "replaying", traffic.share)
         common = {
-            "devices": {name: _device(intake) for name, intake in devices.items()},
+            "devices": {name: _device(name, intake) for name, intake in devices.items()},
             **traffic.told(),
         }
         summaries = {n: one.close(common, begun) for n, one in runs.items()}
@@ -220,30 +220,32 @@ def measurements(
     traffic: Iterable[Payload | Pulse], devices: dict[str, Intake]
 ) -> Iterator[Measurement]:
     """Measurements in the order in which their bytes arrived."""
-    gathered: str | None = None
+    gathered: Intake | None = None
     chunks = 0
     for item in traffic:
+        line = devices[item.device]
         if isinstance(item, Pulse):
-            if gathered == item.device:
-                yield from devices[gathered].flush()
+            if gathered is line:
+                yield from line.flush()
                 gathered = None
-            devices[item.device].pulse(item.t_ns)
+            line.pulse(item.t_ns, item.device)
             continue
-        name, data, t_rx_ns, source = item
-        if gathered is not None and (name != gathered or chunks >= CHUNKS_PER_BLOCK):
-            yield from devices[gathered].flush()
+        if gathered is not None and (line is not gathered or chunks >= CHUNKS_PER_BLOCK):
+            yield from gathered.flush()
             chunks = 0
-        devices[name].feed(data, t_rx_ns, source)
-        gathered, chunks = name, chunks + 1
-    for device in devices.values():
-        device.close()
-        yield from device.flush()
+        line.feed(item.data, item.t_rx_ns, item.source)
+        gathered, chunks = line, chunks + 1
+    for line in dict.fromkeys(devices.values()):
+        line.close()
+        yield from line.flush()
 
 
-def _device(intake: Intake) -> dict[str, Any]:
-    """Counts of one device."""
-    counts = intake.counts
+def _device(name: str, intake: Intake) -> dict[str, Any]:
+    """Counts of one device; those of the bytes are where the line has its name from."""
+    ingest = intake.ingests[name]
+    counts = ingest.counts
     return {
+        "line": intake.name,
         "bytes": counts.bytes,
         "records": counts.records,
         "measurements": counts.measurements,
@@ -252,7 +254,7 @@ def _device(intake: Intake) -> dict[str, Any]:
         "ignored": dict(counts.ignored),
         "gaps": counts.gaps,
         "missing": counts.missing,
-        "clock": msgspec.to_builtins(intake.clock_report()),
+        "clock": msgspec.to_builtins(ingest.clock_report()),
     }
 
 

@@ -125,7 +125,7 @@ class _Captures(Traffic):
         return {"capture": msgspec.to_builtins(self._found)}
 
     def _items(self) -> Iterator[Payload]:
-        links = {name: device.link for name, device in self.config.devices.items()}
+        links = {names[0]: self.config.devices[names[0]].link for names in self.config.lines}
         yield from read_streams(self._paths, links, self._found)
         if not self._found.selected:
             raise CaptureError(

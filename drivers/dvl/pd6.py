@@ -218,4 +218,8 @@ PD6 = Codec(
     options=Pd6Options,
     decoder=decoder,
     encode=encode,
+    also=(
+        "depth",
+        "heading",
+    ),
 )

@@ -130,4 +130,8 @@ PHINS = Codec(
     decoder=decoder,
     encode=encode,
     counting=Counting(time_modulus_s=DAY_S),
+    also=(
+        "gnss",
+        "depth",
+    ),
 )

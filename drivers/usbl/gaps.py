@@ -198,4 +198,5 @@ GAPS = Codec(
     options=GapsOptions,
     decoder=decoder,
     encode=encode,
+    also=("gnss",),
 )

@@ -190,4 +190,5 @@ PSIMSSB = Codec(
     decoder=decoder,
     encode=encode,
     counting=Counting(time_modulus_s=86_400.0),
+    also=("heading",),
 )

@@ -40,8 +40,9 @@ def _print_json(file: object, faults: list[str], advised: list[str]) -> None:
 
 
 def _overview(config: Config) -> Iterator[str]:
-    for name, device in config.devices.items():
-        yield f"{name}: {device.codec} on {_place(device.link, incoming=True)}"
+    for names in config.lines:
+        device = config.devices[names[0]]
+        yield f"{', '.join(names)}: {device.codec} on {_place(device.link, incoming=True)}"
     if config.beacons:
         yield f"beacons: {', '.join(config.beacons)}"
     for output in config.outputs:

@@ -32,7 +32,8 @@ def run(arguments: Namespace) -> int:
 
 
 def _print_entry(codec: Codec) -> None:
-    print(f"{codec.name}  ({codec.kind})")
+    also = f", with {', '.join(codec.also)}" if codec.also else ""
+    print(f"{codec.name}  ({codec.kind}{also})")
     print(textwrap.fill(codec.devices, 96, initial_indent="    ", subsequent_indent="    "))
     for field in _fields(codec):
         print(f"    -o {field.encode_name}=  {phrase(field.type)}; {_default(field)}")
@@ -47,7 +48,8 @@ def _entry(codec: Codec) -> dict[str, Any]:
         }
         for field in _fields(codec)
     }
-    return {"name": codec.name, "kind": codec.kind, "devices": codec.devices, "options": options}
+    about = {"name": codec.name, "kind": codec.kind, "also": codec.also}
+    return {**about, "devices": codec.devices, "options": options}
 
 
 def _fields(codec: Codec) -> tuple[inspect.Field, ...]:

@@ -97,6 +97,9 @@ def _device(name: str, device: DeviceReport) -> list[str]:
 
 def _link(name: str, device: DeviceReport) -> Iterator[list[str]]:
     """The line of a device; below it those who speak on it, where they are several."""
+    if device.line != name:
+        yield [name, f"with {device.line}", *["-"] * (len(LINK) - 2)]
+        return
     link = device.link
     counts = (link.opened, link.chunks, link.bytes, device.records, device.rejected_bytes)
     yield [name, link.place or "-", "yes" if link.up else "no", *map(str, counts)]

@@ -1,6 +1,6 @@
 """The blocks of the configuration file: every key with its type, bounds and default."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -354,6 +354,21 @@ class Config(_Block, frozen=True):
     outputs: tuple[Output, ...] = ()
     realtime: Realtime = Realtime()
     recording: Recording | None = None
+
+    @property
+    def lines(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the devices line by line: those of the same link and codec share one.
+
+        The first of a line gives it its name; which one that is depends on the kinds alone.
+        """
+        sharing: dict[object, list[str]] = {}
+        for name, device in self.devices.items():
+            sharing.setdefault((device.link, device.codec), []).append(name)
+        kinds = get_args(DeviceKind)
+        return tuple(
+            tuple(sorted(names, key=lambda name: kinds.index(self.devices[name].kind)))
+            for names in sharing.values()
+        )
 
     @property
     def imu(self) -> tuple[str, ImuDevice]:

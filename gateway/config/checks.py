@@ -24,7 +24,7 @@ from gateway.config.blocks import (
     Triple,
     UsblDevice,
 )
-from gateway.config.lines import line_faults
+from gateway.config.lines import line_faults, shares_line, sharing_faults
 from gateway.config.zenoh import ZenohOutput
 from gateway.schema import build, known
 
@@ -72,9 +72,10 @@ def _codecs(config: Config) -> Iterator[str]:
         except (registry.UnknownCodecError, registry.CodecImportError) as error:
             yield f"devices.{name}.codec: {error}"
             continue
-        if codec.kind != device.kind:
+        if device.kind not in codec.kinds:
             fitting = [other.name for other in registry.all_codecs() if other.kind == device.kind]
-            wrong = f"{codec.name} is of kind {codec.kind}, the device of kind {device.kind}"
+            kinds = " and ".join(codec.kinds)
+            wrong = f"{codec.name} is of kind {kinds}, the device of kind {device.kind}"
             yield f"devices.{name}.codec: {wrong}; one of: {', '.join(fitting)}"
         elif known(device.options):
             faults: list[str] = []
@@ -137,8 +138,11 @@ class _Claim:
     what: str
     address: str = ""
     senders: tuple[str, ...] = ()
+    device: Device | None = None
 
     def clashes(self, other: "_Claim") -> bool:
+        if self.device and other.device and shares_line(self.device, other.device):
+            return False
         anywhere = {"0.0.0.0", "::", ""}
         same = self.address == other.address
         meet = same or anywhere & {self.address, other.address}
@@ -158,11 +162,11 @@ def _claims(config: Config) -> Iterator[_Claim]:
     for name, device in _readable(config).items():
         match device.link:
             case SerialLink(port=port) if known(port):
-                yield _Claim(f"devices.{name}", f"serial port {port}")
+                yield _Claim(f"devices.{name}", f"serial port {port}", device=device)
             case UdpLink(port=port, bind=bind, group=group, allow=allow) if known(
                 port, bind, group, allow, *(allow if known(allow) else ())
             ):
-                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind, allow)
+                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind, allow, device)
     for n, output in enumerate(config.outputs if known(config.outputs) else ()):
         owner = f"outputs[{n}]"
         if isinstance(output, ZenohOutput):
@@ -184,9 +188,19 @@ def _collisions(config: Config) -> Iterator[str]:
     for claim in _claims(config):
         taken = next((other for other in earlier if claim.clashes(other)), None)
         if taken is not None:
-            apart = "; let allow of each name its own senders" if claim.what[:3] == "UDP" else ""
-            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}{apart}"
+            ways_out = _ways_out(claim, taken)
+            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}{ways_out}"
         earlier.append(claim)
+
+
+def _ways_out(claim: _Claim, taken: _Claim) -> str:
+    """How two could have the same port after all."""
+    if not (claim.device and taken.device):
+        return ""
+    alike = claim.device.link == taken.device.link
+    unlike = f"for codec {taken.device.codec}" if alike else "with other settings"
+    apart = ", or let allow of each name its own senders" if claim.what[:3] == "UDP" else ""
+    return f" {unlike}; to share its line let link and codec be the same{apart}"
 
 
 def _alignment(config: Config) -> Iterator[str]:
@@ -367,6 +381,7 @@ _CHECKS = (
     _clock_sources,
     _alignment,
     _collisions,
+    sharing_faults,
     _addresses,
     line_faults,
     _zenoh,

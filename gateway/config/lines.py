@@ -1,11 +1,11 @@
-"""Serial lines: settings that contradict each other, and names that will not stay."""
+"""Lines: settings that contradict each other, names that will not stay, devices that share one."""
 
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.settings import SerialLink
-from gateway.config.blocks import Config
+from gateway.config.blocks import Config, Device
 from gateway.config.zenoh import ZenohOutput
 from gateway.schema import known
 
@@ -61,3 +61,28 @@ def _names_of(port: str, folders: tuple[Path, ...]) -> Iterator[Path]:
     for folder in folders:
         if folder.is_dir():
             yield from (name for name in sorted(folder.iterdir()) if name.resolve() == device)
+
+
+def shares_line(one: Device, other: Device) -> bool:
+    """Whether two devices of a draft are heard on one port by one decoder."""
+    return known(one.codec, one.link) and (one.codec, one.link) == (other.codec, other.link)
+
+
+def sharing_faults(config: Config) -> Iterator[str]:
+    """Devices on one line of which nobody could tell whose a record is, or how to read it."""
+    heard: list[tuple[str, Device]] = []
+    for name, device in (config.devices if known(config.devices) else {}).items():
+        if not known(device):
+            continue
+        for other_name, other in heard:
+            if not shares_line(device, other):
+                continue
+            with_whom = f"devices.{other_name}, with which it shares its line"
+            if device.kind == other.kind:
+                yield f"devices.{name}: of the same kind as {with_whom}; whose would a record be?"
+            elif known(device.options, other.options) and device.options != other.options:
+                yield f"devices.{name}.options: not those of {with_whom}"
+            else:
+                continue
+            break
+        heard.append((name, device))

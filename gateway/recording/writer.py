@@ -243,10 +243,10 @@ def _begin(file: RecordingFile, topic: str, form: Form) -> None:
 
 
 def _decoders(config: Config) -> dict[str, Senders]:
-    """The decoders of each device."""
+    """The decoders of each line, by the device that names it."""
     made: dict[str, Senders] = {}
-    for name, device in config.devices.items():
-        codec, options = wire_format(device)
+    for name, *_ in config.lines:
+        codec, options = wire_format(config.devices[name])
         made[name] = Senders(partial(codec.decoder, options))
     return made
 

@@ -101,7 +101,7 @@ def inertial(
     link = {"type": "udp", "port": 7001}
     options = {"format": "b" if source == "device" else "a"}
     data = {"kind": "imu", "codec": "kvh1750", "link": link, "rate_hz": hz, "noise": IMU_NOISE}
-    intake = Intake("imu0", device(ImuDevice, data | {"clock": {"source": source}}))
+    intake = Intake({"imu0": device(ImuDevice, data | {"clock": {"source": source}})})
     codec = registry.lookup("kvh1750")
     options = device(codec.options, options)
     frames = [
@@ -171,7 +171,7 @@ def sentences(
     clock = {"source": source, "latency_ms": 1e3 * latency_s}
     noise = {"position_m": [1.5, 1.5, 3.0], "velocity_m_s": 0.1}
     data = {"kind": "gnss", "codec": "nmea-gnss", "link": link, "clock": clock, "noise": noise}
-    intake = Intake("gnss0", device(GnssDevice, data))
+    intake = Intake({"gnss0": device(GnssDevice, data)})
     codec = registry.lookup("nmea-gnss")
     options = device(codec.options, {})
     device_s = np.arange(0.0, seconds, period_s)

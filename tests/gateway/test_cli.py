@@ -228,7 +228,9 @@ def test_codecs_lists_every_format_with_its_options() -> None:
     }
     text = usblnav("codecs").stdout.decode()
     for name in registry.names():
-        assert re.search(rf"^{re.escape(name)}  \(\w+\)$", text, re.MULTILINE)
+        assert re.search(rf"^{re.escape(name)}  \(\w+(, with [\w, ]+)?\)$", text, re.MULTILINE)
+    stdbin = next(entry for entry in listed if entry["name"] == "stdbin")
+    assert {"dvl", "depth", "usbl"} <= set(stdbin["also"])
 
 
 def test_decode_prints_one_object_a_record(cable: Path) -> None:

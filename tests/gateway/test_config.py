@@ -151,7 +151,7 @@ def test_senders_of_their_own_make_of_a_port_two() -> None:
     assert not list(cross_faults(build(Config, data, [])))
     data["devices"]["imu0"]["link"]["allow"] = ["10.0.0.0/24"]
     (fault,) = cross_faults(build(Config, data, []))
-    assert fault.startswith("devices.usbl0: UDP port 7001 is already used by devices.imu0; ")
+    assert fault.startswith("devices.usbl0: UDP port 7001 is already used by devices.imu0 ")
 
 
 def test_good_file_gives_typed_blocks(tmp_path: Path) -> None:
@@ -341,19 +341,22 @@ def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str
         (
             "devices.usbl0.link",
             {"type": "udp", "port": 7001},
-            "devices.usbl0: UDP port 7001 is already used by devices.imu0"
-            "; let allow of each name its own senders",
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0 for codec kvh1750"
+            "; to share its line let link and codec be the same"
+            ", or let allow of each name its own senders",
         ),
         (
             "devices.usbl0.link",
             {"type": "udp", "port": 7001, "bind": "0.0.0.0"},
-            "devices.usbl0: UDP port 7001 is already used by devices.imu0"
-            "; let allow of each name its own senders",
+            "devices.usbl0: UDP port 7001 is already used by devices.imu0 with other settings"
+            "; to share its line let link and codec be the same"
+            ", or let allow of each name its own senders",
         ),
         (
             "devices.imu0.link",
             {"type": "serial", "port": "/dev/ttyUSB1"},
-            "devices.usbl0: serial port /dev/ttyUSB1 is already used by devices.imu0",
+            "devices.usbl0: serial port /dev/ttyUSB1 is already used by devices.imu0"
+            " for codec kvh1750; to share its line let link and codec be the same",
         ),
         (
             "devices.usbl0.range_limits_m",

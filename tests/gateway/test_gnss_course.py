@@ -93,7 +93,7 @@ def _antenna(voyage: Voyage, t: float) -> np.ndarray:
 
 def arrivals(voyage: Voyage, config: Config, seed: int = 0) -> Iterator[Measurement]:
     """Samples, and what the receiver's intake makes of its bytes 120 ms after their epoch."""
-    intake, waiting = Intake("gnss0", config.devices["gnss0"]), list(sentences(voyage, seed))
+    intake, waiting = Intake({"gnss0": config.devices["gnss0"]}), list(sentences(voyage, seed))
     for samples in voyage.arrivals(1e9, 0.02):
         yield samples
         assert isinstance(samples, ImuBlock)

@@ -37,8 +37,8 @@ class Setting:
         assert config is not None
         self.now = 1000.0
         ways_in = intakes(config)
-        self.imu = Line("imu0", "imu", "kvh1750", ways_in["imu0"])
-        self.usbl = Line("usbl0", "usbl", "tracklink-lxt", ways_in["usbl0"])
+        self.imu = Line(ways_in["imu0"])
+        self.usbl = Line(ways_in["usbl0"])
         self.config, self.host = config, FilterHost(config, 10.0, print)
         self.health = Health("ship", [self.imu, self.usbl], self.host, [], clock=lambda: self.now)
 

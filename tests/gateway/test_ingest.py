@@ -128,7 +128,7 @@ def test_bytes_go_all_the_way_to_si(gyro, accel):
     data = {"kind": "imu", "codec": "kvh1750", "link": UDP, "rate_hz": 200, "noise": NOISE}
     given = {"gyro": gyro, "accel": accel}
     options = made(codec.options, given)
-    intake = Intake("imu0", made(ImuDevice, data | {"options": given}))
+    intake = Intake({"imu0": made(ImuDevice, data | {"options": given})})
     rates = {
         "rate_rad_s": tuple(200.0 * a for a in ANGLE),
         "specific_force_m_s2": tuple(200.0 * v for v in VELOCITY),

@@ -19,7 +19,7 @@ def receiver(latency_ms: float) -> Intake:
     link = {"type": "serial", "port": "/dev/ttyS0", "baud": 9600}
     noise = {"position_m": [1.5, 1.5, 3.0], "velocity_m_s": 0.1}
     data = {"kind": "gnss", "codec": "nmea-gnss", "link": link, "clock": clock, "noise": noise}
-    return Intake("gnss0", device(GnssDevice, data))
+    return Intake({"gnss0": device(GnssDevice, data)})
 
 
 def gga(t_s: float) -> bytes:
@@ -73,6 +73,6 @@ def test_by_arrival_a_pulse_is_of_no_use():
     noise = {"position_m": [1.5, 1.5, 3.0], "velocity_m_s": 0.1}
     link = {"type": "udp", "port": 7003}
     data = {"kind": "gnss", "codec": "nmea-gnss", "link": link, "noise": noise}
-    intake = Intake("gnss0", device(GnssDevice, data))
+    intake = Intake({"gnss0": device(GnssDevice, data)})
     intake.pulse(round(1e9 * T0_S))
     assert intake.clock_report().source == "arrival"

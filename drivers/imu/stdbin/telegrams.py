@@ -305,4 +305,12 @@ STDBIN = Codec(
     decoder=decoder,
     encode=encode,
     counting=Counting(sequence_modulus=2**32, time_modulus_s=DAY_TICKS * TICK_S),
+    also=(
+        "usbl",
+        "lbl",
+        "gnss",
+        "depth",
+        "dvl",
+        "heading",
+    ),
 )

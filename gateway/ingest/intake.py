@@ -1,0 +1,188 @@
+"""A line's whole way in: one decoder, and of its records to each device those of its kind."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Protocol
+
+from drivers.records import (
+    DepthRecord,
+    DvlRecord,
+    GnssRecord,
+    HeadingRecord,
+    ImuRecord,
+    LblRecord,
+    Record,
+    Rejected,
+    TimeRecord,
+    UsblRecord,
+)
+from drivers.senders import Senders
+from gateway.clock import ClockReport
+from gateway.config import (
+    Config,
+    DepthDevice,
+    Device,
+    DeviceKind,
+    DvlDevice,
+    GnssDevice,
+    HeadingDevice,
+    ImuDevice,
+    LblDevice,
+    UsblDevice,
+    wire_format,
+)
+from gateway.ingest.aiding import depth_ingest, dvl_ingest, heading_ingest
+from gateway.ingest.device import DeviceCounts
+from gateway.ingest.gnss import GnssIngest
+from gateway.ingest.imu import ImuIngest
+from gateway.ingest.lbl import LblIngest, Sea
+from gateway.ingest.usbl import UsblIngest
+from gateway.messages import Measurement
+
+_RECORDS: dict[DeviceKind, tuple[type, ...]] = {
+    "imu": (ImuRecord,),
+    "usbl": (UsblRecord,),
+    "lbl": (LblRecord,),
+    "gnss": (GnssRecord, TimeRecord),
+    "depth": (DepthRecord,),
+    "dvl": (DvlRecord,),
+    "heading": (HeadingRecord,),
+}
+
+
+class Ingest(Protocol):
+    """One device's way from records to measurements."""
+
+    counts: DeviceCounts
+
+    def take(self, record: Record | Rejected) -> None:
+        """Take the next record of the device."""
+        ...
+
+    def end_of_chunk(self) -> None:
+        """Place what came together: nothing more came with it."""
+        ...
+
+    def flush(self) -> list[Measurement]:
+        """Give the measurements gathered since the last call."""
+        ...
+
+    def pulse(self, t_ns: int) -> None:
+        """Take the moment at which a second of the device began."""
+        ...
+
+    def clock_report(self) -> ClockReport:
+        """How the device's measurements are placed in time."""
+        ...
+
+
+class Intake:
+    """One line's whole way in: bytes as they arrived, measurements of its devices out.
+
+    Parameters
+    ----------
+    devices
+        Those that share the line, by name; one alone is the usual case. Each takes the records of
+        its kind. The first one names the line: what nobody takes is ignored by it, and it counts
+        the line's bytes, those rejected too.
+
+    Attributes
+    ----------
+    name, codec
+        Of the line.
+    kinds, ingests
+        By device.
+    senders
+        Who speaks on the line.
+    """
+
+    def __init__(self, devices: Mapping[str, Device], sea: Sea | None = None) -> None:
+        self.name, first = next(iter(devices.items()))
+        codec, options = wire_format(first)
+        self.codec = codec.name
+        self.senders = Senders(partial(codec.decoder, options))
+        self.kinds: dict[str, DeviceKind] = {n: device.kind for n, device in devices.items()}
+        self.ingests = {n: _ingest(n, device, sea or Sea()) for n, device in devices.items()}
+        self._first = self.ingests[self.name]
+        self._takers = {
+            kind: ingest
+            for name, ingest in self.ingests.items()
+            for kind in _RECORDS[self.kinds[name]]
+        }
+        self._measured: list[Measurement] = []
+
+    @property
+    def counts(self) -> DeviceCounts:
+        """Counts of the device that names the line."""
+        return self._first.counts
+
+    def feed(self, data: bytes, t_rx_ns: int, source: str = "") -> None:
+        """Take one chunk with its receive stamp, and who sent it."""
+        self._first.counts.bytes += len(data)
+        for record in self.senders.feed(data, t_rx_ns, source):
+            self._takers.get(type(record), self._first).take(record)
+        self._end_of_chunk()
+
+    def close(self) -> None:
+        """End of the bytes: what waits in the decoder is decoded or rejected."""
+        for record in self.senders.close():
+            self._takers.get(type(record), self._first).take(record)
+        self._end_of_chunk()
+
+    def flush(self) -> list[Measurement]:
+        """Give the measurements gathered since the last call, samples before fixes of a chunk."""
+        gathered, self._measured = self._measured, []
+        for ingest in self.ingests.values():
+            gathered += ingest.flush()
+        return gathered
+
+    def pulse(self, t_ns: int, device: str | None = None) -> None:
+        """Take one edge of a device's pulse per second, by the host's monotonic clock."""
+        self.ingests[device or self.name].pulse(t_ns)
+
+    def clock_report(self) -> ClockReport:
+        """How the measurements of the device that names the line are placed in time."""
+        return self._first.clock_report()
+
+    def _end_of_chunk(self) -> None:
+        for ingest in self.ingests.values():
+            ingest.end_of_chunk()
+        if len(self.ingests) > 1:
+            self._keep_order()
+
+    def _keep_order(self) -> None:
+        """Samples may be gathered into longer blocks only while no fix comes between them."""
+        samples = [i for i in self.ingests.values() if isinstance(i, ImuIngest)]
+        fixes = [m for i in self.ingests.values() if i not in samples for m in i.flush()]
+        if fixes:
+            for ingest in samples:
+                self._measured += ingest.flush()
+            self._measured += fixes
+
+
+def intakes(config: Config) -> dict[str, Intake]:
+    """By device the intake of its line, which it may share with others."""
+    sea = Sea.of(config)
+    ways: dict[str, Intake] = {}
+    for names in config.lines:
+        intake = Intake({name: config.devices[name] for name in names}, sea)
+        ways |= dict.fromkeys(names, intake)
+    return ways
+
+
+def _ingest(name: str, device: Device, sea: Sea) -> Ingest:
+    match device:
+        case ImuDevice():
+            return ImuIngest(device)
+        case UsblDevice():
+            return UsblIngest(name, device, sea.sound_speed_m_s)
+        case LblDevice():
+            return LblIngest(name, device, sea)
+        case GnssDevice():
+            return GnssIngest(name, device)
+        case DepthDevice():
+            return depth_ingest(name, device)
+        case DvlDevice():
+            return dvl_ingest(name, device)
+        case HeadingDevice():
+            return heading_ingest(name, device)
