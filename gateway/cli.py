@@ -88,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_run(commands)
     _add_status(commands)
+    _add_monitor(commands)
     _add_demo(commands)
     _add_replay(commands)
     _add_export(commands)
@@ -134,13 +135,20 @@ def _add_status(commands: Any) -> None:
         "ask a running gateway how it fares: devices, filter, outputs, latencies",
         "Asks over Zenoh, on this machine unless told otherwise.",
     )
-    parser.add_argument(
-        "-c", "--config", type=Path, metavar="CONFIG.yaml", help="the gateway's configuration file"
-    )
-    parser.add_argument(
-        "--connect", metavar="ENDPOINT", help="where to ask, such as tcp/192.168.1.10:7447"
-    )
+    _add_asking(parser)
     _add_json(parser, "the status")
+
+
+def _add_monitor(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "monitor",
+        "watch a running gateway on the terminal, from any machine",
+        "Shows solution, devices, fixes, outputs and alarms until Ctrl-C; into a pipe, one screen.",
+    )
+    _add_asking(parser)
+    parser.add_argument("--vehicle", metavar="NAME", help="the one to show (default: the first)")
+    parser.add_argument("--once", action="store_true", help="print one screen and end")
 
 
 def _add_demo(commands: Any) -> None:
@@ -386,6 +394,15 @@ def _add_study(commands: Any) -> None:
 def _add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--config", required=True, type=Path, metavar="CONFIG.yaml", help="configuration file"
+    )
+
+
+def _add_asking(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="CONFIG.yaml", help="the gateway's configuration file"
+    )
+    parser.add_argument(
+        "--connect", metavar="ENDPOINT", help="where to ask, such as tcp/192.168.1.10:7447"
     )
 
 

@@ -2,17 +2,16 @@
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 
 import msgspec
 
 from gateway.clock import ClockReport
-from gateway.config import ZenohOutput, load
-from gateway.errors import ConfigError, UsblnavError
+from gateway.commands.asking import whom
+from gateway.errors import UsblnavError
 from gateway.health import DeviceReport, HealthReport
 from gateway.latency import StageReport
 from gateway.outputs.sinks import SinkStatus
-from gateway.outputs.zenoh import DEFAULT_ENDPOINT, ask, at, client_of
+from gateway.outputs.zenoh import ask
 
 DEVICE = ("device", "codec", "silent s", "bytes", "records", "rejected", "gaps", "lost")
 LINK = ("line of", "place", "up", "opened", "chunks", "bytes", "records", "junk bytes")
@@ -23,12 +22,7 @@ STAGE = ("last minute, ms", "of", "count", "50 %", "99 %", "99.9 %", "max", "max
 
 def run(arguments: Namespace) -> int:
     """Print the status of every vehicle that answers."""
-    place, vehicle = at(DEFAULT_ENDPOINT), "*"
-    if arguments.config is not None:
-        config = load(arguments.config)
-        place, vehicle = _place(config.outputs, arguments.config), config.vehicle
-    if arguments.connect:
-        place = msgspec.structs.replace(place, connect=(arguments.connect,))
+    place, vehicle = whom(arguments)
     endpoint = place.connect[0]
     answers = ask(place, f"usblnav/{vehicle}/status")
     if not answers:
@@ -78,14 +72,6 @@ def _report(payload: bytes, endpoint: str) -> HealthReport:
     except msgspec.DecodeError as error:
         why = f"its status is of another version ({error}); --json shows it"
         raise UsblnavError(f"zenoh {endpoint}: {why}") from error
-
-
-def _place(outputs: Sequence[object], file: Path) -> ZenohOutput:
-    """How a client finds the gateway of a configuration."""
-    for output in outputs:
-        if isinstance(output, ZenohOutput):
-            return client_of(output)
-    raise ConfigError(["outputs: none is of type zenoh, which is what status asks"], file)
 
 
 def _device(name: str, device: DeviceReport) -> list[str]:

@@ -55,7 +55,7 @@ class Viewer:
         """Hear Zenoh and NMEA while the body runs."""
         loop = asyncio.get_running_loop()
 
-        def on_payload(payload: bytes) -> None:
+        def on_sample(_key: str, payload: bytes) -> None:
             loop.call_soon_threadsafe(self._on_nav, payload)
 
         key = f"usblnav/{self._stage.vehicle}/nav"
@@ -64,7 +64,7 @@ class Viewer:
             nmea.setblocking(False)
             loop.add_reader(nmea, self._on_nmea, nmea)
             try:
-                with open_subscription(at(self._stage.endpoint), key, on_payload):
+                with open_subscription(at(self._stage.endpoint), key, on_sample):
                     yield
             finally:
                 loop.remove_reader(nmea)

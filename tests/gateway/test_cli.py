@@ -24,6 +24,7 @@ from tests.shared_data import ROOT
 COMMANDS = [
     "run",
     "status",
+    "monitor",
     "demo",
     "replay",
     "export",
@@ -402,5 +403,5 @@ def test_status_of_nobody_is_one_line(tmp_path: Path) -> None:
     silent.write_text((ROOT / "config.yaml").read_text().partition("\noutputs:")[0])
     done = usblnav("status", "-c", str(silent))
     assert (done.returncode, done.stdout) == (2, b"")
-    fault = "outputs: none is of type zenoh, which is what status asks"
+    fault = "outputs: none is of type zenoh, which is what is asked"
     assert lines(done.stderr) == [f"{silent}: {fault}"]

@@ -227,11 +227,11 @@ class Rig:
         """Hear solutions and status as another program does, as long as the gateway runs."""
         loop = asyncio.get_running_loop()
 
-        def on_nav(payload: bytes) -> None:
+        def on_nav(_key: str, payload: bytes) -> None:
             self.navs.append(msgspec.json.decode(payload, type=NavReport))
             loop.call_soon_threadsafe(self._news.set)
 
-        def on_status(payload: bytes) -> None:
+        def on_status(_key: str, payload: bytes) -> None:
             self.statuses.append(msgspec.json.decode(payload))
             loop.call_soon_threadsafe(self._news.set)
 

@@ -53,16 +53,16 @@ def ask(place: ZenohOutput, key: str, within_s: float = 2.0) -> dict[str, bytes]
 
 @contextmanager
 def open_subscription(
-    place: ZenohOutput, key: str, on_payload: Callable[[bytes], None]
+    place: ZenohOutput, key: str, on_sample: Callable[[str, bytes], None]
 ) -> Iterator[None]:
-    """Hear a key of another process for as long as the body runs, its last value first.
+    """Hear a key or a pattern of keys while the body runs, the last word on each first.
 
     Parameters
     ----------
     place
         A client's settings.
-    on_payload
-        Called from a thread of Zenoh's.
+    on_sample
+        Called with key and payload from a thread of Zenoh's.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def open_subscription(
         ext.declare_advanced_subscriber(
             session,
             key,
-            lambda sample: on_payload(sample.payload.to_bytes()),
+            lambda sample: on_sample(str(sample.key_expr), sample.payload.to_bytes()),
             history=ext.HistoryConfig(detect_late_publishers=True),
         )
         yield

@@ -1,0 +1,109 @@
+"""What has been heard of one vehicle: the newest of each topic, what went before, and rates."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+
+from gateway.alarms import Alarm, Alarms, Severity
+from gateway.health import HealthReport
+from gateway.outputs.schema import InnovationReport, NavReport
+
+TRACK = 600
+"""Positions kept for the picture, one a second."""
+INNOVATIONS = 20
+SILENT_S = 3.0
+"""A gateway that has said nothing for so long is lost."""
+
+
+class Heard:
+    """The newest words of one gateway.
+
+    Attributes
+    ----------
+    nav, status
+        None before the first.
+    innovations
+        The last ones, oldest first.
+    track
+        Solutions about a second apart, oldest first.
+    unread
+        Messages that could not be read: they are of another version.
+    """
+
+    def __init__(self, vehicle: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self.vehicle = vehicle
+        self.nav: NavReport | None = None
+        self.status: HealthReport | None = None
+        self.innovations: deque[InnovationReport] = deque(maxlen=INNOVATIONS)
+        self.track: deque[NavReport] = deque(maxlen=TRACK)
+        self.unread = 0
+        self._before: HealthReport | None = None
+        self._alarms = Alarms()
+        self._found: list[Alarm] = []
+        self._clock = clock
+        self._at = clock()
+
+    @property
+    def silent_s(self) -> float:
+        """Since the last word."""
+        return self._clock() - self._at
+
+    def take(self, topic: str, payload: bytes) -> None:
+        """Take one message."""
+        self._at = self._clock()
+        try:
+            match topic:
+                case "nav":
+                    self._solved(msgspec.json.decode(payload, type=NavReport))
+                case "status":
+                    self._told(msgspec.json.decode(payload, type=HealthReport))
+                case "innovation":
+                    innovation = msgspec.json.decode(payload, type=InnovationReport)
+                    self.innovations.append(innovation)
+                case _:
+                    pass
+        except msgspec.DecodeError:
+            self.unread += 1
+
+    def alarms(self) -> list[Alarm]:
+        """What is not as it should be, the worst first."""
+        alarms = list(self._found)
+        if self.silent_s > SILENT_S:
+            said = f"nothing heard for {self.silent_s:.0f} s"
+            alarms.insert(0, Alarm(Severity.ALARM, "gateway silent", "", said))
+        if self.unread:
+            said = f"{self.unread} messages are of another version of usblnav"
+            alarms.append(Alarm(Severity.NOTICE, "other version", "", said))
+        return alarms
+
+    def records_hz(self, device: str) -> float | None:
+        """Records a second of a device, by the last two reports."""
+        now, before = self.status, self._before
+        if now is None or before is None or device not in before.devices:
+            return None
+        return _rate(now, before, lambda report: report.devices[device].records)
+
+    def sent_hz(self, k: int) -> float | None:
+        """Payloads a second of the k-th output."""
+        now, before = self.status, self._before
+        if now is None or before is None or len(before.outputs) != len(now.outputs):
+            return None
+        return _rate(now, before, lambda report: report.outputs[k].sent)
+
+    def _solved(self, nav: NavReport) -> None:
+        self.nav = nav
+        if not self.track or not 0.0 <= nav.t_s - self.track[-1].t_s < 1.0:
+            self.track.append(nav)
+
+    def _told(self, status: HealthReport) -> None:
+        self._before, self.status = self.status, status
+        self._found = self._alarms.take(status)
+
+
+def _rate(
+    now: HealthReport, before: HealthReport, count: Callable[[HealthReport], int]
+) -> float | None:
+    span_s = now.up_s - before.up_s
+    return (count(now) - count(before)) / span_s if span_s > 0.0 else None

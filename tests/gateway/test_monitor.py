@@ -1,0 +1,112 @@
+"""The monitor's screen: what it says, that it fits, and where the picture puts things."""
+
+import io
+from typing import Any
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from gateway.modes import Mode
+from gateway.monitor.heard import SILENT_S, Heard
+from gateway.monitor.picture import draw
+from gateway.monitor.screen import SMALLEST, screen
+from tests.gateway.reports import INNOVATION, NAV, REPORT, device, later
+
+replace = msgspec.structs.replace
+
+
+class Time:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def heard(*messages: tuple[str, Any], time: Time | None = None) -> Heard:
+    found = Heard("auv1", time or Time())
+    for topic, message in messages:
+        found.take(topic, msgspec.json.encode(message))
+    return found
+
+
+def shown(found: Heard, width: int, height: int, beside: tuple[str, ...] = ()) -> list[str]:
+    console = Console(width=width, height=height, file=io.StringIO(), highlight=False)
+    console.print(screen(found, width, height, beside))
+    assert isinstance(console.file, io.StringIO)
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]
+
+
+def test_it_says_what_was_heard() -> None:
+    records = {"devices": {"records": 20_200}}
+    found = heard(
+        ("nav", NAV),
+        ("innovation", INNOVATION),
+        ("status", REPORT),
+        ("status", later(REPORT, 1.0, records)),
+    )
+    lines = shown(found, *SMALLEST)
+    assert lines[0] == "auv1   AIDED   2026-11-22 12:20:00 UTC   up 1 min 41 s"
+    assert lines[1].split(maxsplit=1)[1] == "33°30.0000'S  71°15.0000'W  height -123.45 m"
+    text = "\n".join(lines)
+    assert "0.42 x 0.28 m along 30 deg, down 0.20 m" in text
+    assert "1.41 m/s, course 315.0" in text
+    assert "imu0    kvh1750           200.0" in text
+    assert "usbl0 1  used  NIS 5.2  elevation +2.0  bearing -1.0  range +0.5" in text
+
+
+def test_it_fits_the_smallest_terminal_however_much_there_is() -> None:
+    devices = {f"device{k}": device() for k in range(30)}
+    full = replace(REPORT, devices=devices, outputs=REPORT.outputs * 3, mode=Mode.DEAD_RECKONING)
+    many = [("innovation", INNOVATION)] * 30
+    found = heard(("nav", NAV), *many, ("status", full))
+    lines = shown(found, *SMALLEST, ("auv2", "auv3"))
+    assert len(lines) <= SMALLEST[1]
+    assert max(map(len, lines)) <= SMALLEST[0]
+    assert "also auv2, auv3" in lines[0]
+    assert any(line.startswith("and 2") and line.endswith("more") for line in lines)
+    assert "dead reckoning, last fix 1 s ago" in lines
+
+
+@pytest.mark.parametrize("size", [(80, 24), (100, 30), (112, 24), (200, 60)])
+def test_every_size_is_kept(size: tuple[int, int]) -> None:
+    found = heard(("nav", NAV), ("innovation", INNOVATION), ("status", REPORT))
+    lines = shown(found, *size)
+    assert len(lines) <= size[1]
+    assert max(map(len, lines)) <= size[0]
+
+
+def test_a_gateway_that_falls_silent_is_said_first() -> None:
+    time = Time()
+    found = heard(("nav", NAV), ("status", REPORT), time=time)
+    assert not found.alarms()
+    time.now += SILENT_S + 4.0
+    assert [alarm.name for alarm in found.alarms()] == ["gateway silent"]
+    assert "nothing heard for 7 s" in shown(found, *SMALLEST)
+
+
+def test_a_message_of_another_version_is_counted() -> None:
+    found = Heard("auv1", Time())
+    found.take("status", b'{"vehicle": 3}')
+    found.take("nav", b"not even JSON")
+    assert found.unread == 2
+    assert [alarm.name for alarm in found.alarms()] == ["other version"]
+
+
+def test_the_picture_has_north_up_and_the_vehicle_where_it_is() -> None:
+    way = [replace(NAV, t_s=NAV.t_s + k, lat_deg=-33.5 + 1e-5 * k) for k in range(60)]
+    *rows, scale = draw(way, 30, 16)
+    (mark,) = [k for k, row in enumerate(rows) if "+" in row]
+    begun = max(k for k, row in enumerate(rows) if row.strip(chr(0x2800)))
+    assert mark < 3
+    assert begun == 14
+    assert scale.endswith("m, north up")
+    east = [replace(NAV, lon_deg=-71.25 + 1e-5 * k) for k in range(60)]
+    (row,) = [row for row in draw(east, 30, 16) if "+" in row]
+    assert row.index("+") > 25
+
+
+def test_one_place_alone_can_be_drawn() -> None:
+    nowhere = replace(NAV, ellipse_major_m=float("nan"), ellipse_minor_m=float("nan"))
+    assert len(draw([nowhere], 20, 10)) == 10
