@@ -297,6 +297,7 @@ def _add_emulate(commands: Any) -> None:
     parser.add_argument(
         "--speed", type=_positive, default=1.0, metavar="X", help="times real time (default: 1)"
     )
+    _add_json(parser, "what became of the frames")
 
 
 def _add_check(commands: Any) -> None:

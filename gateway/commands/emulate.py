@@ -38,8 +38,10 @@ def run(arguments: Namespace) -> int:
         truth=arguments.truth,
         stop=stop,
     )
-    for line in _lines(report):
-        print(line)
+    if arguments.json:
+        print(msgspec.json.encode(report).decode())
+    else:
+        print(*_lines(report), sep="\n")
     return 0
 
 

@@ -7,6 +7,7 @@ import socket
 import struct
 import tty
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -30,9 +31,28 @@ class End(Protocol):
 
     def unplug(self) -> None: ...
 
-    def send(self, data: bytes) -> None: ...
+    def send(self, data: bytes) -> int:
+        """Send what somebody takes; give how many bytes that was."""
+        ...
 
     def close(self) -> None: ...
+
+
+@dataclass(slots=True)
+class Carried:
+    """What became of the bytes of an emulated device.
+
+    ``bytes`` = ``cut`` + ``untaken`` (nobody was at the other end) + those that arrived there.
+    """
+
+    frames: int = 0
+    bytes: int = 0
+    cut: int = 0
+    untaken: int = 0
+
+    @property
+    def arrived(self) -> int:
+        return self.bytes - self.cut - self.untaken
 
 
 class Cable:
@@ -44,6 +64,7 @@ class Cable:
     def __init__(self, end: End) -> None:
         self.end = end
         self.cut = False
+        self.counts = Carried()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.setblocking(False)
@@ -54,8 +75,12 @@ class Cable:
         with suppress(BlockingIOError):
             while True:
                 data = self._socket.recv(65536)
-                if not self.cut:
-                    self.end.send(data)
+                self.counts.frames += 1
+                self.counts.bytes += len(data)
+                if self.cut:
+                    self.counts.cut += len(data)
+                else:
+                    self.counts.untaken += len(data) - self.end.send(data)
 
     def __enter__(self) -> Self:
         return self
@@ -73,6 +98,7 @@ class UdpEnd:
         self.port = free_port(socket.SOCK_DGRAM)
         self.link = {"type": "udp", "port": self.port, **settings}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", self.port))
         self._plugged = True
 
     def plug(self) -> None:
@@ -81,11 +107,15 @@ class UdpEnd:
     def unplug(self) -> None:
         self._plugged = False
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes) -> int:
         if not self._plugged:
-            return
-        with suppress(OSError):  # nobody listens yet, or any more
-            self._socket.sendto(data, ("127.0.0.1", self.port))
+            return 0
+        with suppress(OSError):
+            self._socket.send(data)
+            # Loopback says at once that nobody listens (yet, or any more).
+            refused = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            return 0 if refused else len(data)
+        return 0
 
     def close(self) -> None:
         self._socket.close()
@@ -117,11 +147,12 @@ class PtyEnd:
             os.close(self._near)
             self._near = None
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes) -> int:
         if self._near is None or any(event & select.POLLHUP for _, event in self._poll.poll(0)):
-            return  # nobody has it open
+            return 0  # nobody has it open
         with suppress(BlockingIOError):
-            os.write(self._near, data)
+            return os.write(self._near, data)
+        return 0
 
     def close(self) -> None:
         self.unplug()
@@ -167,10 +198,11 @@ class TcpEnd:
         self._client.close()
         self._client = None
 
-    def send(self, data: bytes) -> None:
+    def send(self, data: bytes) -> int:
         if self._client is not None:
             with suppress(OSError):
-                self._client.send(data)
+                return self._client.send(data)
+        return 0
 
     def close(self) -> None:
         self.unplug()
@@ -193,9 +225,12 @@ class SerialEnd:
     def unplug(self) -> None:
         self._plugged = False
 
-    def send(self, data: bytes) -> None:
-        if self._plugged:
-            self._port.send(data)
+    def send(self, data: bytes) -> int:
+        if not self._plugged:
+            return 0
+        before = self._port.dropped_bytes
+        self._port.send(data)
+        return len(data) - (self._port.dropped_bytes - before)
 
     def close(self) -> None:
         self._port.close()

@@ -100,7 +100,7 @@ class Rig:
         self.write({})
         self.scenario_file.write_text(yaml.safe_dump(scenario))
         self._truth_file = folder / "truth.csv"
-        self._truth = TruthFile(self._truth_file)
+        self.truth = TruthFile(self._truth_file)
         self._notify_address = str(folder / "notify")
         self._news = asyncio.Event()
         self._stack = ExitStack()
@@ -110,6 +110,7 @@ class Rig:
         self.epochs: list[Epoch] = []
         self.navs: list[NavReport] = []
         self.statuses: list[dict[str, Any]] = []
+        self.emulated: dict[str, Any] = {}
 
     def write(self, settings: dict[str, Any]) -> None:
         """Write the configuration with some of its blocks replaced."""
@@ -134,7 +135,7 @@ class Rig:
 
     def error_m(self, there: Epoch | NavReport) -> float | None:
         """Horizontal distance from the truth of the same moment, once that is written down."""
-        truth = self._truth.at(there.t_s)
+        truth = self.truth.at(there.t_s)
         if truth is None or there.lat_deg is None or there.lon_deg is None:
             return None
         north = (there.lat_deg - truth.lat_deg) * 111_132.0
@@ -209,19 +210,22 @@ class Rig:
     async def emulator(self) -> AsyncIterator[None]:
         """Run ``usblnav emulate`` while the body does."""
         self._truth_file.unlink(missing_ok=True)
-        self._truth = TruthFile(self._truth_file)
-        arguments = ("-c", str(self.scenario_file), "--truth", str(self._truth_file))
+        self.truth = TruthFile(self._truth_file)
+        arguments = ("-c", str(self.scenario_file), "--truth", str(self._truth_file), "--json")
         process = await asyncio.create_subprocess_exec(
             *(*USBLNAV, "emulate", *arguments),
-            stdout=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
             cwd=ROOT,
         )
         try:
             yield
         finally:
-            process.terminate()
-            assert await process.wait() == 0
+            with suppress(ProcessLookupError):
+                process.terminate()
+            said, _ = await process.communicate()
+            assert process.returncode == 0
+            self.emulated = msgspec.json.decode(said)
 
     def hear_zenoh(self) -> None:
         """Hear solutions and status as another program does, as long as the gateway runs."""

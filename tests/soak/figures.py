@@ -1,0 +1,119 @@
+"""What a soak saw, as numbers: errors against their sigma, memory, latencies, bytes."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gateway.emulator.truth import TruthFile
+from gateway.modes import Mode
+from gateway.outputs.schema import NavReport
+from tests.integration.cables import Carried
+
+NAVIGATING = (Mode.AIDED, Mode.DEAD_RECKONING)
+WARM_S = 60.0
+"""Memory of the first minute of a run is not of its slope."""
+COMPONENTS = ("north", "east", "down", "heading")
+
+
+@dataclass
+class Errors:
+    """Errors of the solutions that claim something."""
+
+    solutions: int = 0
+    judged: int = 0
+    beyond_3: int = 0
+    squares_m2: float = 0.0
+    worst_m: float = 0.0
+    worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(COMPONENTS, 0.0))
+    modes: Counter[str] = field(default_factory=Counter)
+
+    def take(self, nav: NavReport, truth: TruthFile) -> None:
+        """Judge a solution by the truth of its time."""
+        self.solutions += 1
+        self.modes[nav.mode.value] += 1
+        there = truth.at(nav.t_s)
+        if nav.mode not in NAVIGATING or there is None:
+            return
+        north = (nav.lat_deg - there.lat_deg) * 111_132.0
+        east = (nav.lon_deg - there.lon_deg) * 111_320.0 * math.cos(math.radians(there.lat_deg))
+        down = there.height_m - nav.height_m
+        heading = (nav.heading_deg - there.heading_deg + 180.0) % 360.0 - 180.0
+        sigmas = (nav.sd_n_m, nav.sd_e_m, nav.sd_d_m, nav.sd_heading_deg)
+        ratios = [abs(e) / sd for e, sd in zip((north, east, down, heading), sigmas, strict=True)]
+        self.judged += 1
+        self.beyond_3 += max(ratios) > 3.0
+        self.squares_m2 += north**2 + east**2
+        self.worst_m = max(self.worst_m, math.hypot(north, east))
+        for name, ratio in zip(COMPONENTS, ratios, strict=True):
+            self.worst[name] = max(self.worst[name], ratio)
+
+
+@dataclass
+class Run:
+    """One run of the gateway: its last status, its memory (s, MB) as time went by."""
+
+    status: dict[str, Any] = field(default_factory=dict)
+    memory: list[tuple[float, float]] = field(default_factory=list)
+
+    def slope_mb_h(self) -> float | None:
+        """Growth of memory once it is warm; None of a run too short to tell."""
+        t, mb = np.array(self.memory or [(0.0, 0.0)]).T
+        warm = t - t[0] > WARM_S
+        if warm.sum() < 10:
+            return None
+        return float(np.polyfit(t[warm], mb[warm], 1)[0]) * 3600.0
+
+
+@dataclass
+class Figures:
+    """Everything for the table."""
+
+    seconds: float = 0.0
+    errors: Errors = field(default_factory=Errors)
+    runs: list[Run] = field(default_factory=list)
+    events: list[tuple[str, float | None]] = field(default_factory=list)
+    """What was done, and how long until the position was true again (s)."""
+    carried: dict[str, Carried] = field(default_factory=dict)
+    emulated: dict[str, Any] = field(default_factory=dict)
+
+    def device(self, name: str, key: str) -> int:
+        """A count of a device over all runs."""
+        return sum(int(run.status["devices"][name][key]) for run in self.runs)
+
+    def heard(self, name: str) -> int:
+        """Bytes that the gateways heard of a device."""
+        return sum(int(run.status["devices"][name]["link"]["bytes"]) for run in self.runs)
+
+    def unexplained(self, name: str) -> int:
+        """Bytes that arrived at the gateway's end of a cable, and that it knows nothing of."""
+        return self.carried[name].arrived - self.heard(name)
+
+    def unsent(self, name: str) -> int:
+        """Bytes that left the emulator and never came to the cable."""
+        return int(self.emulated["devices"][name]["bytes"]) - self.carried[name].bytes
+
+    def findings(self) -> Iterator[str]:
+        """What must not be."""
+        for name in self.carried:
+            if self.unexplained(name) or self.unsent(name):
+                lost = self.unexplained(name) + self.unsent(name)
+                yield f"{name}: {lost} bytes are accounted for nowhere"
+        for what, back_s in self.events:
+            if back_s is None:
+                yield f"{what}: no true position afterwards"
+
+
+def memory_mb(pids: Sequence[int]) -> float:
+    """Memory of processes, shared pages shared among them (PSS)."""
+    total = 0
+    for pid in pids:
+        with suppress(OSError):
+            rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
+            total += sum(int(line.split()[1]) for line in rollup.splitlines() if line[:4] == "Pss:")
+    return total / 1000.0
