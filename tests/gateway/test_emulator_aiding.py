@@ -129,6 +129,13 @@ def test_without_the_bottom_a_log_says_so() -> None:
     assert np.all(earth.ecef_to_lla(r_e)[2] - (SURFACE_M - BED_M) <= 38.7 + 1e-9)
 
 
+def test_a_log_that_is_too_fast_loses_the_bottom() -> None:
+    scenario = scenario_of(LOG | {"codec": "pd6", "max_speed_m_s": 2.0})
+    fixes, counts, _ = heard(scenario)
+    assert 0 < len(fixes) < counts.ignored["invalid"]
+    assert max(np.linalg.norm(fix.v) for _, fix in fixes) <= 2.0 + 1e-3
+
+
 def test_constant_errors_of_a_log_are_as_stated() -> None:
     errors = {"mounting_deg": [0.0, 0.0, 2.0], "scale": 0.01}
     still = LOG | {"codec": "waterlinked-dvl", "noise": {"velocity_m_s": [1e-9] * 3}}

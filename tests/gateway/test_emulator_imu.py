@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from drivers import registry
-from gateway.config import Config
+from drivers.records import ImuRecord
+from gateway.config import Config, wire_format
 from gateway.emulator import twin
 from gateway.emulator.instruments import stream
 from gateway.emulator.scenario import GRADES, Scenario
@@ -36,7 +37,7 @@ def scenario_of(duration_s: float = 4.0, **imu: Any) -> Scenario:
     return make(data | {"devices": {"imu0": block | imu}})
 
 
-def heard(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, DeviceCounts]:
+def heard(scenario: Scenario, start: float = START) -> tuple[np.ndarray, np.ndarray, DeviceCounts]:
     """Times (s after the start), rows of the strapdown and counts, frame by frame."""
     faults: list[str] = []
     config = build(Config, twin.gateway_config(scenario), faults)
@@ -44,7 +45,7 @@ def heard(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, DeviceCounts]:
     intake = intakes(config)["imu0"]
     trajectory = Trajectory(scenario.trajectory, scenario.duration_s)
     model = scenario.devices["imu0"]
-    for emission in stream(scenario, "imu0", model, trajectory, START, 1.0):
+    for emission in stream(scenario, "imu0", model, trajectory, start, 1.0):
         intake.feed(emission.data, T0_NS + round(emission.t * 1e9))
     intake.close()
     blocks = intake.flush()
@@ -109,6 +110,28 @@ def test_every_format_says_the_true_motion(unit: str) -> None:
     dt = t_true[0]
     np.testing.assert_allclose(rows[:, 1:4] / dt, exact[:, :3] / dt, atol=4e-6, rtol=3e-5)
     np.testing.assert_allclose(rows[:, 4:7] / dt, exact[:, 3:] / dt, atol=2e-4, rtol=3e-5)
+
+
+MIDNIGHT, END_OF_WEEK = 20_000 * 86_400.0, 315_964_800.0 + 2300 * 604_800.0 - 18.0
+"""UTC, and GPS time, which is 18 s ahead of it."""
+
+
+@pytest.mark.parametrize(
+    ("unit", "turns_over"), [("stdbin v5", MIDNIGHT), ("novatel", END_OF_WEEK), ("anpp", MIDNIGHT)]
+)
+def test_time_of_day_and_week_begin_anew(unit: str, turns_over: float) -> None:
+    scenario = scenario_of(**UNITS[unit])
+    t, _, counts = heard(scenario, turns_over - 2.0)
+    assert counts.gaps == 0
+    np.testing.assert_allclose(t, truth_of(scenario)[0], atol=1.1e-4)
+    codec, options = wire_format(build(Config, twin.gateway_config(scenario), []).devices["imu0"])
+    model, trajectory = scenario.devices["imu0"], Trajectory(scenario.trajectory, 4.0)
+    decoder = codec.decoder(options)
+    said = stream(scenario, "imu0", model, trajectory, turns_over - 2.0, 1.0)
+    told = [r.t_device_s for e in said for r in decoder.feed(e.data, 0) if isinstance(r, ImuRecord)]
+    before = {"stdbin": 86_398.0, "novatel-span": 604_798.0, "anpp": MIDNIGHT - 2.0}
+    assert told[0] == pytest.approx(before[model.codec] + 0.005, abs=1e-4)
+    assert (told[-1] < told[0]) == (unit != "anpp")
 
 
 @pytest.mark.parametrize(

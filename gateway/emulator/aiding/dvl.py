@@ -1,5 +1,6 @@
 """The Doppler log: its velocity over a flat bed, in its own axes."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -45,8 +46,8 @@ class DopplerLog:
     def _ping(self, velocity: list[float], altitude_m: float, unix_s: float) -> DvlRecord:
         model = self._on.model
         low, high = model.altitude_limits_m
-        locked = low <= altitude_m <= high
         x, y, z = velocity
+        locked = low <= altitude_m <= high and math.hypot(x, y, z) <= model.max_speed_m_s
         return DvlRecord(
             t_rx_ns=0,
             age_s=1e-3 * model.age_ms,

@@ -43,7 +43,10 @@ def aiding_stream(
     start_unix_s: float,
     block_s: float,
 ) -> Iterator[Emission]:
-    """Frames of an instrument in the order they leave it, computed ``block_s`` at a time."""
+    """Frames of an instrument in the order they leave it, computed ``block_s`` at a time.
+
+    What its format cannot say is an emission without bytes.
+    """
     codec, options = registry.lookup(model.codec), codec_options(model)
     instrument = _instrument(scenario, name, model, trajectory, start_unix_s)
     leaving = Leaving(model.clock.latency_ms + _age_ms(model), model.jitter_ms, scenario.seed, name)
@@ -53,7 +56,11 @@ def aiding_stream(
         said = zip(leaving.at(t).tolist(), instrument.say(t), is_said.tolist(), strict=True)
         for t_out, records, heard in said:
             for record in records if heard else ():
-                yield Emission(t_out, name, codec.encode(record, options))
+                try:
+                    frame = codec.encode(record, options)
+                except ValueError:
+                    frame = b""
+                yield Emission(t_out, name, frame)
 
 
 def aiding_faults(scenario: Scenario, model: AidingModel) -> Iterator[str]:

@@ -86,8 +86,8 @@ class DvlModel(_Aiding, frozen=True, kw_only=True, tag_field="kind", tag="dvl"):
 
     Attributes
     ----------
-    altitude_limits_m
-        Between them it has a lock on the bottom; elsewhere it says that it has none.
+    altitude_limits_m, max_speed_m_s
+        Within them it has a lock on the bottom; elsewhere it says that it has none.
     age_ms
         From a ping to the first byte of what it says about it, as it says itself.
     scale
@@ -98,6 +98,7 @@ class DvlModel(_Aiding, frozen=True, kw_only=True, tag_field="kind", tag="dvl"):
     rate_hz: Annotated[float, Meta(gt=0, le=100)] = 5.0
     age_ms: NonNegative = 0.0
     altitude_limits_m: tuple[NonNegative, Positive] = (0.3, 200.0)
+    max_speed_m_s: Annotated[float, Meta(gt=0, le=30)] = 10.0
     mounting_deg: Triple = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0

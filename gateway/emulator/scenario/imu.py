@@ -10,6 +10,7 @@ from gateway.emulator.scenario.block import Block
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
 from gateway.emulator.scenario.ports import AnyPort
 
+Celsius = Annotated[float, Meta(ge=-60, le=85)]
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -37,7 +38,7 @@ class ImuErrors(Block, frozen=True):
 class Warming(Block, frozen=True):
     """How a unit warms up: by ``by_c`` in the end, two thirds of it after ``time_s``."""
 
-    by_c: float
+    by_c: Annotated[float, Meta(ge=-40, le=40)]
     time_s: Positive
 
 
@@ -61,7 +62,7 @@ class ImuModel(Block, frozen=True, kw_only=True, tag_field="kind", tag="imu"):
     jitter_ms: NonNegative = 0.0
     uptime_s: NonNegative = 0.0
     mounting_deg: Triple = (0.0, 0.0, 0.0)
-    temperature_c: float = 20.0
+    temperature_c: Celsius = 20.0
     warming: Warming | None = None
     errors: ImuErrors = ImuErrors()
 
