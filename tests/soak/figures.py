@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import theilslopes
 
 from gateway.emulator.truth import TruthFile
 from gateway.modes import Mode
@@ -18,6 +19,8 @@ from tests.integration.cables import Carried
 NAVIGATING = (Mode.AIDED, Mode.DEAD_RECKONING)
 WARM_S = 60.0
 """Memory of the first minute of a run is not of its slope."""
+SLOPE_S = 240.0
+"""Less time tells no slope."""
 COMPONENTS = ("north", "east", "down", "heading")
 
 
@@ -62,12 +65,16 @@ class Run:
     memory: list[tuple[float, float]] = field(default_factory=list)
 
     def slope_mb_h(self) -> float | None:
-        """Growth of memory once it is warm; None of a run too short to tell."""
-        t, mb = np.array(self.memory or [(0.0, 0.0)]).T
+        """Growth of memory once it is warm; None of a run too short to tell.
+
+        The median of all slopes between two moments: a filter that is killed and grows anew is a
+        dent in the line, not its direction.
+        """
+        t, mb = np.array(self.memory).T
         warm = t - t[0] > WARM_S
-        if warm.sum() < 10:
+        if t[-1] - t[0] < WARM_S + SLOPE_S:
             return None
-        return float(np.polyfit(t[warm], mb[warm], 1)[0]) * 3600.0
+        return float(theilslopes(mb[warm], t[warm]).slope) * 3600.0
 
 
 @dataclass

@@ -137,10 +137,8 @@ class Soak:
         if not self._rig.navs or self._rig.navs[-1].mode != Mode.AIDED:
             return False
         nav = self._rig.navs[-1]
-        error_m = self._rig.error_m(nav)
-        return error_m is not None and error_m < max(
-            TRUE_M, 3.0 * math.hypot(nav.sd_n_m, nav.sd_e_m)
-        )
+        error_m, sigma_m = self._rig.error_m(nav), math.hypot(nav.sd_n_m, nav.sd_e_m)
+        return error_m is not None and error_m < max(TRUE_M, 3.0 * sigma_m)
 
     async def _calm(self, seconds: float) -> None:
         """Nothing happens but faults of the bytes; what the gateway says is judged."""
