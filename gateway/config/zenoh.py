@@ -73,6 +73,8 @@ class ZenohOutput(
 
     mode: Literal["peer", "client", "router"] = "peer"
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)] = 10.0
+    express: bool | None = None
+    """Whether solutions are sent at once, each alone; without it up to 16 a second are."""
     connect: tuple[Endpoint, ...] = ()
     listen: tuple[Endpoint, ...] = ()
     multicast: bool = False

@@ -4,6 +4,7 @@
 input is closed (or its work is done), and leaves its stamps (host monotonic ns, int64) in a file.
 """
 
+import asyncio
 import gc
 import json
 import os
@@ -22,7 +23,10 @@ import msgspec
 import zenoh
 
 from drivers.capture import read_streams
-from gateway.config import load
+from gateway.config import ZenohOutput, load
+from gateway.outputs.schema import nav_report
+from gateway.outputs.zenoh import open_publisher
+from tests.gateway.solutions import solution as fixed_solution
 
 Stamps: TypeAlias = "array[int]"
 
@@ -114,28 +118,50 @@ def utc_ns_of(hhmmss: str, now: datetime) -> int:
     return round((t + timedelta(days=days)).timestamp() * 100) * 10_000_000
 
 
-def publish_bare(_: Stamps, endpoint: str, rate: str, seconds: str) -> None:
-    """Publish stamps over Zenoh."""
+def publish(_: Stamps, endpoint: str, rate: str, seconds: str) -> None:
+    """Publish stamps over Zenoh by turns: bare, and as the gateway does its solutions."""
+    asyncio.run(_publish(endpoint, float(rate), float(seconds)))
+
+
+async def _publish(endpoint: str, rate_hz: float, seconds: float) -> None:
+    settings = ZenohOutput(mode="client", connect=(endpoint,), rate_hz=rate_hz)
+    solution = nav_report(fixed_solution(), 0)
     with client(endpoint) as session:
-        publisher = session.declare_publisher("bare")
-        say_ready()
-        for _due in ticks(float(rate), float(seconds)):
-            publisher.put(time.monotonic_ns().to_bytes(8, "little") + bytes(BARE_BYTES - 8))
-        time.sleep(SETTLE_S)
+        bare = session.declare_publisher("bare")
+        async with open_publisher(settings, "bench") as ours:
+            await asyncio.sleep(SETTLE_S)  # both are known at the far end
+            say_ready()
+            for n, _due in enumerate(ticks(2.0 * rate_hz, seconds)):
+                if n % 2:
+                    bare.put(time.monotonic_ns().to_bytes(8, "little") + bytes(BARE_BYTES - 8))
+                else:
+                    now_ns = time.monotonic_ns()
+                    ours.publish("nav", msgspec.structs.replace(solution, utc_ns=now_ns))
+                await asyncio.sleep(0)
+            await asyncio.sleep(SETTLE_S)
 
 
-def hear_bare(rows: Stamps, endpoint: str) -> None:
-    """Hear stamps over Zenoh; rows: how long each was under way."""
+def hear(rows: Stamps, endpoint: str) -> None:
+    """Hear stamps over Zenoh; rows: whether it was the gateway's, how long it was under way."""
+    decoder = msgspec.json.Decoder(Stamp)
 
-    def take(sample: zenoh.Sample) -> None:
+    def take_bare(sample: zenoh.Sample) -> None:
         now = time.monotonic_ns()
-        rows.append(now - int.from_bytes(sample.payload.to_bytes()[:8], "little"))
+        rows.extend((0, now - int.from_bytes(sample.payload.to_bytes()[:8], "little")))
+
+    def take_ours(sample: zenoh.Sample) -> None:
+        now = time.monotonic_ns()
+        rows.extend((1, now - decoder.decode(sample.payload.to_bytes()).utc_ns))
 
     with zenoh.open(configuration("peer", "listen", endpoint)) as session:
-        held = session.declare_subscriber("bare", take)
+        held = [
+            session.declare_subscriber("bare", take_bare),
+            session.declare_subscriber("usblnav/bench/nav", take_ours),
+        ]
         say_ready()
         until_told()
-        held.undeclare()
+        for subscriber in held:
+            subscriber.undeclare()
 
 
 def two_hops(rows: Stamps, rate: str, seconds: str, fifo: str) -> None:
@@ -164,8 +190,8 @@ ROLES: dict[str, Callable[..., None]] = {
     "send": send,
     "hear-zenoh": hear_zenoh,
     "hear-nmea": hear_nmea,
-    "publish-bare": publish_bare,
-    "hear-bare": hear_bare,
+    "publish": publish,
+    "hear": hear,
     "two-hops": two_hops,
 }
 

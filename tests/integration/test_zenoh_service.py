@@ -36,9 +36,14 @@ def ask(there: zenoh.Session, selector: str) -> list[Any]:
     return [json.loads(reply.ok.payload.to_bytes()) for reply in there.get(selector) if reply.ok]
 
 
-async def test_navigation_goes_first_and_at_once_with_its_own_time() -> None:
+@pytest.mark.parametrize(
+    ("settings", "express"), [({}, True), ({"rate_hz": 200.0}, False), ({"express": False}, False)]
+)
+async def test_navigation_goes_first_and_at_once_with_its_own_time(
+    settings: dict[str, Any], express: bool
+) -> None:
     endpoint, heard = free_endpoint(), {}
-    async with open_publisher(ZenohOutput(listen=(endpoint,)), "auv1") as publisher:
+    async with open_publisher(ZenohOutput(listen=(endpoint,), **settings), "auv1") as publisher:
         with session(endpoint) as there:
             held = there.declare_subscriber(
                 "usblnav/**", lambda sample: heard.setdefault(str(sample.key_expr), sample)
@@ -49,7 +54,7 @@ async def test_navigation_goes_first_and_at_once_with_its_own_time() -> None:
             )
             held.undeclare()
     nav, status = heard[NAV], heard["usblnav/auv1/status"]
-    assert (nav.priority, nav.express) == (zenoh.Priority.REAL_TIME, True)
+    assert (nav.priority, nav.express) == (zenoh.Priority.REAL_TIME, express)
     assert (status.priority, status.express) == (zenoh.Priority.DATA_LOW, False)
     for sample in (nav, status):
         assert sample.congestion_control == zenoh.CongestionControl.DROP

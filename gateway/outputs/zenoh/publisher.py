@@ -27,6 +27,7 @@ from gateway.outputs.zenoh.answers import Answers
 from gateway.outputs.zenoh.past import Past
 from gateway.outputs.zenoh.ros import RosTopics
 from gateway.outputs.zenoh.session import NoSessionError, open_session, refuses, stamp, why_not
+from gateway.outputs.zenoh.settings import is_express
 
 log = logging.getLogger(__name__)
 
@@ -40,20 +41,11 @@ PATIENCE_S = 1.0
 """How long start and stop wait for Zenoh before they go on without it."""
 
 
-@dataclass(frozen=True)
-class Service:
-    """How a topic's samples are carried."""
-
-    priority: zenoh.Priority
-    express: bool = False
-    """Each is sent at once, without waiting for others to share a packet with."""
-
-
-SERVICES: dict[str, Service] = {
-    "nav": Service(zenoh.Priority.REAL_TIME, express=True),
-    "innovation": Service(zenoh.Priority.DATA_HIGH),
-    "calibration": Service(zenoh.Priority.DATA_LOW),
-    "status": Service(zenoh.Priority.DATA_LOW),
+PRIORITIES: dict[str, zenoh.Priority] = {
+    "nav": zenoh.Priority.REAL_TIME,
+    "innovation": zenoh.Priority.DATA_HIGH,
+    "calibration": zenoh.Priority.DATA_LOW,
+    "status": zenoh.Priority.DATA_LOW,
 }
 
 
@@ -89,7 +81,7 @@ class ZenohPublisher:
         self._vehicle = vehicle
         self._prefix = f"usblnav/{vehicle}"
         self._encoder = msgspec.json.Encoder()
-        self._past: dict[str, Past] = {topic: Past(settings.history_s) for topic in SERVICES}
+        self._past: dict[str, Past] = {topic: Past(settings.history_s) for topic in PRIORITIES}
         self._line: _Line | None = None
         self._readers = Readers(self.name)
         self._sent = self._dropped = 0
@@ -192,11 +184,10 @@ class ZenohPublisher:
         try:
             source = session.new_timestamp().get_id()
             answers = Answers(self._prefix, self._past, source)
-            keys = {topic: f"{self._prefix}/{topic}" for topic in SERVICES}
             return _Line(
                 session,
                 source,
-                {topic: _declare(session, key, SERVICES[topic]) for topic, key in keys.items()},
+                {topic: self._declare(session, topic) for topic in PRIORITIES},
                 session.liveliness().declare_token(self._prefix),
                 session.declare_queryable(f"{self._prefix}/*", answers.answer),
                 None if ros is None else RosTopics(session, ros, self._vehicle),
@@ -204,6 +195,19 @@ class ZenohPublisher:
         except zenoh.ZError:
             session.close()
             raise
+
+    def _declare(self, session: zenoh.Session, topic: str) -> ext.AdvancedPublisher:
+        return ext.declare_advanced_publisher(
+            session,
+            f"{self._prefix}/{topic}",
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=PRIORITIES[topic],
+            express=topic == "nav" and is_express(self._settings),
+            cache=ext.CacheConfig(max_samples=1),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+            publisher_detection=True,
+        )
 
     def _note_up(self) -> None:
         if self._error:
@@ -230,20 +234,6 @@ class _Line:
     def close(self) -> None:
         """Close the session; a process that ends with callbacks declared and no close hangs."""
         self.session.close()
-
-
-def _declare(session: zenoh.Session, key: str, service: Service) -> ext.AdvancedPublisher:
-    return ext.declare_advanced_publisher(
-        session,
-        key,
-        encoding=zenoh.Encoding.APPLICATION_JSON,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=service.priority,
-        express=service.express,
-        cache=ext.CacheConfig(max_samples=1),
-        sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
-        publisher_detection=True,
-    )
 
 
 def _ip(endpoint: str) -> str:

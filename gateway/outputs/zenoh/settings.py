@@ -17,7 +17,7 @@ from gateway.config import ZenohOutput, ZenohTls
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a peer or router listens and a client looks, when the configuration names nothing."""
 EXPRESS_QUEUE = 16
-"""Messages of navigation that may wait for a connection: each goes alone, two would be few."""
+"""Packets of navigation that may wait for a connection, the most Zenoh has; the rest is dropped."""
 
 _OWN_KEYS = {
     "mode": "mode",
@@ -90,6 +90,16 @@ def faults(settings: ZenohOutput, path: str) -> Iterator[str]:
             yield f"{key}: secrets stand in files of their own"
     for place, why in _refused(settings.config, ""):
         yield f"{path}.config.{place.replace('/', '.')}: {why}"
+
+
+def is_express(settings: ZenohOutput) -> bool:
+    """Whether each solution goes alone: unless it is said, while the queue holds a second of them.
+
+    Those that share a packet are no later as long as the connection takes them, and outlast a
+    stall of seconds.
+    """
+    fits = settings.rate_hz <= EXPRESS_QUEUE
+    return fits if settings.express is None else settings.express
 
 
 def missing_files(settings: ZenohOutput, path: str) -> Iterator[str]:
