@@ -25,6 +25,7 @@ from gateway.emulator.scenario import (
     UsblModel,
     Waypoints,
 )
+from gateway.emulator.scenario.faults import BeaconDead, BeaconMoved
 from gateway.emulator.streams import generator
 from gateway.emulator.tracks import way_of
 from gateway.emulator.trajectory import Trajectory
@@ -77,7 +78,10 @@ def _impossible(scenario: Scenario) -> Iterator[str]:
     for k, fault in enumerate(scenario.faults):
         if (fault.at_s is None) == (fault.per_hour is None):
             yield f"faults[{k}]: expected either at_s or per_hour"
-        if fault.device not in scenario.devices:
+        if isinstance(fault, BeaconDead | BeaconMoved):
+            if fault.beacon not in scenario.beacons:
+                yield f'faults[{k}].beacon: no beacon is called "{fault.beacon}"'
+        elif fault.device not in scenario.devices:
             yield f"faults[{k}].device: no device is called {fault.device}"
 
 

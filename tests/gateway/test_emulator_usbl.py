@@ -13,6 +13,7 @@ from gateway.emulator.acoustics.sentences import records
 from gateway.emulator.scenario import Scenario
 from gateway.emulator.trajectory import Trajectory
 from gateway.errors import ConfigError
+from gateway.nav import earth
 from tests.gateway.emulated import demo_data, make, quiet_usbl, track
 
 MIDNIGHT = 1_780_012_800.0
@@ -185,3 +186,51 @@ def test_a_scenario_that_cannot_be_said_is_not_loaded(tmp_path: Any) -> None:
     assert caught.value.faults == [
         "devices.usbl0.axes: tracklink-lxt with these options says array"
     ]
+
+
+def with_faults(*faults: dict[str, Any], **device: Any) -> acoustics.Fixes:
+    return fixes(scenario_of(CIRCLE | {"faults": list(faults)}, **device))
+
+
+def test_a_dead_beacon_does_not_answer() -> None:
+    found = with_faults({"fault": "beacon_dead", "beacon": "2", "at_s": 20.5, "for_s": 10.0})
+    silent = [(t, name) for t, name in found.unanswered]
+    assert silent == [(float(t), "2") for t in range(21, 30, 2)]
+    once = with_faults({"fault": "beacon_dead", "beacon": "1", "at_s": 20.5})
+    assert once.unanswered == [(22.0, "1")]
+
+
+def test_a_beacon_that_is_dragged_away_answers_from_there() -> None:
+    found = with_faults(
+        {"fault": "beacon_moved", "beacon": "1", "at_s": 30.5, "north_m": 40.0, "down_m": -5.0}
+    )
+    before = fixes(scenario_of())
+    lat, lon = np.deg2rad([BEACONS["1"]["lat_deg"], BEACONS["1"]["lon_deg"]])
+    h = BEACONS["1"]["height_m"]
+    there = earth.lla_to_ecef(lat, lon, h) + earth.C_en(lat, lon) @ [40.0, 0.0, -5.0]
+    lat, lon, h = earth.ecef_to_lla(there)
+    place = {"lat_deg": np.rad2deg(lat), "lon_deg": np.rad2deg(lon), "height_m": float(h)}
+    after = fixes(scenario_of(CIRCLE | {"beacons": BEACONS | {"1": place}}))
+    moved = (found.t_tx > 30.5) & (np.array(found.beacon) == "1")
+    expected = np.where(moved, after.slant_range, before.slant_range)
+    assert np.abs(after.slant_range - before.slant_range)[moved].max() > 10.0
+    assert found.slant_range == pytest.approx(expected, abs=1e-6)
+
+
+def test_echoes_come_for_a_time() -> None:
+    fault = {"fault": "multipath", "device": "a0", "at_s": 20.5, "for_s": 20.0, "probability": 0.6}
+    found = with_faults(fault, outliers={"extra_range_m": 50.0})
+    echoed = found.t_tx[found.outlier]
+    assert echoed.min() > 20.5
+    assert echoed.max() < 40.5
+    assert 7 <= echoed.size <= 17
+    clean = fixes(scenario_of())
+    assert np.all(found.slant_range[found.outlier] > clean.slant_range[found.outlier])
+    assert np.all(found.slant_range[~found.outlier] == clean.slant_range[~found.outlier])
+
+
+def test_a_fault_of_a_beacon_that_is_not_there_is_named() -> None:
+    fault = {"fault": "beacon_dead", "beacon": "9", "at_s": 1.0}
+    with pytest.raises(ConfigError) as caught:
+        twin.sound(demo_data() | {"faults": [fault]})
+    assert caught.value.faults == ['faults[0].beacon: no beacon is called "9"']

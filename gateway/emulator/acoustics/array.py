@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gateway.emulator.acoustics.water import Ear, Mask, Moorings
+from gateway.emulator.acoustics.water import Ear, Mask, Ways, moorings
+from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import Scenario, UsblModel
 from gateway.emulator.streams import generator
 from gateway.emulator.trajectory import Trajectory
@@ -83,37 +84,35 @@ def acoustic_errors(scenario: Scenario, name: str, model: UsblModel) -> Acoustic
 def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory) -> Fixes:
     """All replies of a scenario."""
     array = _MovingArray(scenario, name, model, trajectory)
-    moored = Moorings.of(scenario.beacons, model.beacons)
+    asked = moorings(scenario, model.beacons)
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
-    which = np.arange(t_ping.size) % len(moored.names)
-    b_e, turnaround, two_way = moored.r_e[which], moored.turnaround[which], moored.two_way[which]
+    ways = Ways.in_turn(array.ear, t_ping, asked)
+    names = [asked[k % len(asked)].name for k in range(t_ping.size)]
+    noise = _draw_noise(scenario, name, model, t_ping)
 
-    t_reply, t_rx = array.ear.exchange(t_ping, b_e, turnaround, two_way)
-    bearing, elevation = array.angles(t_rx, b_e)
-    travel_time = np.where(two_way, 0.5 * (t_rx - t_ping - turnaround), t_rx - t_reply)
-    slant_range = scenario.sound_speed_m_s * travel_time * (1.0 + array.errors.range_scale)
-    noise = _draw_noise(scenario, name, model, t_ping.size)
+    bearing, elevation = array.angles(ways.t_rx, ways.b_e)
+    bearing, elevation = _wrap(bearing + noise.bearing), _fold(elevation + noise.elevation)
+    slant_range = scenario.sound_speed_m_s * ways.one_way * (1.0 + array.errors.range_scale)
     slant_range += noise.slant_range
-    bearing = _wrap(bearing + noise.bearing)
-    elevation = _fold(elevation + noise.elevation)
-    heard = noise.heard & (slant_range > 0.0) & (slant_range < model.max_range_m)
+    near = (slant_range > 0.0) & (slant_range < model.max_range_m)
+    heard = noise.heard & ways.answered & near
 
-    arrival = np.stack([ear.hears(t_reply, b_e) - t_rx for ear in array.elements], axis=-1)
-    astray = -direction(bearing, elevation) @ array.places_u.T / array.ear.sound_speed
-    arrival = np.where(noise.outlier[:, None], astray, arrival) + noise.arrival
-    rates = np.stack([ear.range_rate(t_rx, b_e) for ear in array.elements], axis=-1)
+    arrival = [ear.hears(ways.t_reply, ways.b_e) - ways.t_rx for ear in array.elements]
+    echo = -direction(bearing, elevation) @ array.places_u.T / array.ear.sound_speed
+    arrivals = np.where(noise.outlier[:, None], echo, np.stack(arrival, axis=-1)) + noise.arrival
+    rates = np.stack([ear.range_rate(ways.t_rx, ways.b_e) for ear in array.elements], axis=-1)
     return Fixes(
         t_tx=t_ping[heard],
-        t_rx=t_rx[heard],
-        beacon=[moored.names[k] for k in which[heard]],
+        t_rx=ways.t_rx[heard],
+        beacon=[names[k] for k in np.flatnonzero(heard)],
         bearing=bearing[heard],
         elevation=elevation[heard],
         slant_range=slant_range[heard],
-        arrival=arrival[heard],
+        arrival=arrivals[heard],
         range_rate=(rates.mean(axis=-1) + noise.range_rate)[heard],
         element_rates=(rates + noise.element_rates)[heard],
         outlier=noise.outlier[heard],
-        unanswered=[(float(t_ping[k]), moored.names[which[k]]) for k in np.flatnonzero(~heard)],
+        unanswered=[(float(t_ping[k]), names[k]) for k in np.flatnonzero(~heard)],
     )
 
 
@@ -160,15 +159,16 @@ class _Noise:
     heard: Mask
 
 
-def _draw_noise(scenario: Scenario, name: str, model: UsblModel, n: int) -> _Noise:
+def _draw_noise(scenario: Scenario, name: str, model: UsblModel, t_ping: Array) -> _Noise:
     """White noise, multipath and missed replies; the same draws whatever is switched on."""
 
     def rng(what: str) -> np.random.Generator:  # one each: a longer run begins like a shorter one
         return generator(scenario.seed, name, what)
 
-    elements = max(1, len(model.elements_m))
+    n, elements = t_ping.size, max(1, len(model.elements_m))
     white = rng("noise").standard_normal((n, 3))
     outlier = rng("outlier").random(n) < model.outliers.probability
+    outlier |= astray(scenario, name, t_ping)
     heard = rng("missed").random(n) >= model.missed_probability
     longer = model.outliers.extra_range_m * rng("longer").standard_exponential(n)
     aside = np.deg2rad(model.outliers.angle_deg) * rng("aside").standard_normal((n, 2))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from drivers.records import LblRecord, LblReply
 from gateway.emulator.acoustics.sentences import sentence_writer, timeout_s
 from gateway.emulator.acoustics.timing import latencies, shown
-from gateway.emulator.acoustics.water import Ear, Mask, Moorings
+from gateway.emulator.acoustics.water import Ear, Mask, moorings
+from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import LblModel, Scenario
 from gateway.emulator.streams import Emission, generator
 from gateway.emulator.trajectory import Trajectory
@@ -62,36 +63,33 @@ def lbl_constants(scenario: Scenario, name: str, model: LblModel) -> LblConstant
 def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Trajectory) -> Replies:
     """All replies of a scenario."""
     constants = lbl_constants(scenario, name, model)
-    moored = Moorings.of(scenario.beacons, model.beacons)
+    beacons = moorings(scenario, model.beacons)
     c = scenario.true_sound_speed_m_s or scenario.sound_speed_m_s
     ear = Ear(trajectory, np.array(model.lever_arm_m) + constants.lever_arm, c)
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
-    asked = np.ones((t_ping.size, len(moored.names)), np.bool_)
+    ways = [ear.ask(t_ping, beacon) for beacon in beacons]
+    travel_time = np.stack([way.one_way for way in ways], axis=-1)
+    rate = np.stack([ear.range_rate(way.t_rx, way.b_e) for way in ways], axis=-1)
+    asked = np.ones(rate.shape, np.bool_)
     if model.asks == "in_turn":
-        asked = np.arange(t_ping.size)[:, None] % len(moored.names) == np.arange(len(moored.names))
-    t_rx, travel_time, rate = np.empty((3, *asked.shape))
-    for m, (b_e, turnaround, two_way) in enumerate(
-        zip(moored.r_e, moored.turnaround, moored.two_way, strict=True)
-    ):
-        t_reply, t_rx[:, m] = ear.exchange(t_ping, b_e, turnaround, two_way)
-        way = 0.5 * (t_rx[:, m] - t_ping - turnaround) if two_way else t_rx[:, m] - t_reply
-        travel_time[:, m] = way
-        rate[:, m] = ear.range_rate(t_rx[:, m], b_e)
+        asked = np.arange(t_ping.size)[:, None] % len(beacons) == np.arange(len(beacons))
 
     def rng(what: str) -> np.random.Generator:
         return generator(scenario.seed, name, what)
 
     outlier = rng("outlier").random(asked.shape) < model.outliers.probability
+    outlier |= astray(scenario, name, t_ping)[:, None]
     error_m = model.noise.range_m * rng("noise").standard_normal(asked.shape)
     longer = model.outliers.extra_range_m * rng("longer").standard_exponential(asked.shape)
     error_m += outlier * longer
     one_way = travel_time * (1.0 + constants.range_scale) + error_m / scenario.sound_speed_m_s
     near = (one_way > 0.0) & (one_way * scenario.sound_speed_m_s < model.max_range_m)
-    answered = rng("missed").random(asked.shape) >= model.missed_probability
+    answered = np.stack([way.answered for way in ways], axis=-1)
+    answered &= rng("missed").random(asked.shape) >= model.missed_probability
     return Replies(
-        names=moored.names,
+        names=[beacon.name for beacon in beacons],
         t_ping=t_ping,
-        t_rx=t_rx,
+        t_rx=np.stack([way.t_rx for way in ways], axis=-1),
         one_way=one_way,
         range_rate=rate + model.noise.range_rate_m_s * rng("rate").standard_normal(asked.shape),
         asked=asked,

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.config.blocks import Beacon
+from gateway.emulator.faults.sound import dead, dragged
+from gateway.emulator.scenario import Scenario
 from gateway.emulator.trajectory import Trajectory
 from gateway.nav import earth
 
@@ -59,38 +60,72 @@ class Ear:
             t = t_sent + self.distance(t, b_e) / self.sound_speed
         return t
 
-    def exchange(
-        self, t_ping: Array, b_e: Array, turnaround: Array, two_way: Mask
-    ) -> tuple[Array, Array]:
-        """When each beacon sends (a one-way beacon at the ping), and when that is heard."""
-        out = self.distance(t_ping, b_e) / self.sound_speed
-        t_reply = t_ping + np.where(two_way, out + turnaround, 0.0)
-        return t_reply, self.hears(t_reply, b_e)
-
-
-def place(beacon: Beacon) -> Array:
-    """Of a beacon in e, (3,) m."""
-    lat, lon = np.deg2rad([beacon.lat_deg, beacon.lon_deg])
-    return earth.lla_to_ecef(lat, lon, beacon.height_m)
+    def ask(self, t_ping: Array, beacon: "Mooring") -> "Ways":
+        """Sound to a beacon and back; a one-way beacon sends at the ping's moment by itself."""
+        b_e, t_reply = beacon.place(t_ping), t_ping
+        if beacon.two_way:
+            t_reply = t_ping + self.distance(t_ping, b_e) / self.sound_speed + beacon.turnaround
+        t_rx = self.hears(t_reply, b_e)
+        both = 0.5 * (t_rx - t_ping - beacon.turnaround)
+        one_way = both if beacon.two_way else t_rx - t_reply
+        return Ways(b_e, t_reply, t_rx, one_way, beacon.answers(t_ping))
 
 
 @dataclass(frozen=True, slots=True)
-class Moorings:
-    """Beacons as arrays: ``r_e`` (m, 3) m, ``turnaround`` (m,) s, ``two_way`` (m,)."""
+class Ways:
+    """Sound between the vehicle and beacons, one row a ping.
 
-    names: list[str]
-    r_e: Array
-    turnaround: Array
-    two_way: Mask
+    ``b_e`` (n, 3) m the beacon; ``t_reply``, ``t_rx`` (n,) s when it sends and is heard;
+    ``one_way`` (n,) s, half of both ways where there are two; ``answered`` (n,).
+    """
+
+    b_e: Array
+    t_reply: Array
+    t_rx: Array
+    one_way: Array
+    answered: Mask
 
     @classmethod
-    def of(cls, beacons: dict[str, Beacon], asked: tuple[str, ...]) -> "Moorings":
-        """Those that are asked, in their order; all if none is named."""
-        names = list(asked or beacons)
-        blocks = [beacons[name] for name in names]
-        return cls(
-            names,
-            np.stack([place(beacon) for beacon in blocks]),
-            np.array([1e-3 * beacon.turnaround_ms for beacon in blocks]),
-            np.array([beacon.travel == "two_way" for beacon in blocks]),
-        )
+    def in_turn(cls, ear: Ear, t_ping: Array, asked: "list[Mooring]") -> "Ways":
+        """The first ping to the first beacon, and so on."""
+        n = t_ping.size
+        t_reply, t_rx, one_way = np.empty((3, n))
+        whole = cls(np.empty((n, 3)), t_reply, t_rx, one_way, np.empty(n, np.bool_))
+        for k, beacon in enumerate(asked):
+            rows = slice(k, None, len(asked))
+            part = ear.ask(t_ping[rows], beacon)
+            whole.b_e[rows], whole.t_reply[rows] = part.b_e, part.t_reply
+            whole.t_rx[rows], whole.one_way[rows] = part.t_rx, part.one_way
+            whole.answered[rows] = part.answered
+        return whole
+
+
+@dataclass(frozen=True, slots=True)
+class Mooring:
+    """A beacon, wherever it is and whether it answers or not: ``turnaround`` s."""
+
+    name: str
+    turnaround: float
+    two_way: bool
+    _scenario: Scenario
+
+    def place(self, t: Array) -> Array:
+        """Where it is in e, (n, 3) m."""
+        beacon = self._scenario.beacons[self.name]
+        lat, lon = np.deg2rad([beacon.lat_deg, beacon.lon_deg])
+        r_e = earth.lla_to_ecef(lat, lon, beacon.height_m)
+        moved: Array = r_e + dragged(self._scenario, self.name, t) @ earth.C_en(lat, lon).T
+        return moved
+
+    def answers(self, t: Array) -> Mask:
+        """Whether it answers pings at ascending times, (n,)."""
+        return ~dead(self._scenario, self.name, t)
+
+
+def moorings(scenario: Scenario, asked: tuple[str, ...]) -> list[Mooring]:
+    """The beacons that are asked, in their order; all if none is named."""
+    blocks = {name: scenario.beacons[name] for name in asked or scenario.beacons}
+    return [
+        Mooring(name, 1e-3 * block.turnaround_ms, block.travel == "two_way", scenario)
+        for name, block in blocks.items()
+    ]

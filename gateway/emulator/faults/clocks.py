@@ -54,11 +54,11 @@ class ImuClock:
         self._first_s, self._shown_s = uptime_s, shown_s
         self._first = 0.0 if counting.sequence_s is None else np.rint(uptime_s * self._per_s)
         for k, fault in enumerate(scenario.faults):
-            if fault.device != name:
+            if not isinstance(fault, PowerCycle | ClockWrap) or fault.device != name:
                 continue
             if isinstance(fault, PowerCycle):
                 self._starts += (begins(scenario, k) + fault.for_s).tolist()
-            elif isinstance(fault, ClockWrap):
+            else:
                 self._turn_over(float(begins(scenario, k)[0]))
         self._starts.sort()
 

@@ -104,7 +104,30 @@ class ClockWrap(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="cl
     """The device's number and time turn over at ``at_s``, where the format lets them."""
 
 
+class Multipath(_OfFrames, frozen=True, kw_only=True, tag_field="fault", tag="multipath"):
+    """Sound reaches the device by other ways, as far off as its ``outliers`` say."""
+
+
+class _OfBeacon(Fault, frozen=True, kw_only=True):
+    """A fault of one beacon."""
+
+    beacon: str
+
+
+class BeaconDead(_OfBeacon, frozen=True, kw_only=True, tag_field="fault", tag="beacon_dead"):
+    """It does not answer."""
+
+
+class BeaconMoved(_OfBeacon, frozen=True, kw_only=True, tag_field="fault", tag="beacon_moved"):
+    """It is dragged away, and stays there; nobody is told."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    down_m: float = 0.0
+
+
 Garbling = Flip | Truncate | Junk | Duplicate | Reorder | Drop
 WireFault = Garbling | Burst | Delay | Jitter | Unplug | PowerCycle
 ClockFault = ClockDrift | ClockStep | ClockWrap
-AnyFault = WireFault | ClockFault
+SoundFault = Multipath | BeaconDead | BeaconMoved
+AnyFault = WireFault | ClockFault | SoundFault
