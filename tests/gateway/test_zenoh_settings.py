@@ -1,15 +1,20 @@
 """Settings in Zenoh's own words: taken as they are, refused by their path, and never a secret."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
+import yaml
 
 from gateway.cli import main
-from gateway.config import ZenohOutput, ZenohTls
+from gateway.config import ZenohOutput, ZenohRos, ZenohTls
 from gateway.outputs.zenoh.settings import configuration, faults
+from gateway.schema import build
 from tests.gateway.test_config import edited, written
+from tests.shared_data import ROOT
 
 
 @pytest.mark.parametrize(
@@ -93,3 +98,36 @@ def test_check_names_them_with_files_that_are_missing(
     ]
     assert main(["run", "-c", str(file)]) == 2
     assert "max_link: unknown key" in capsys.readouterr().err
+
+
+DOCS = (ROOT / "docs/outputs.md").read_text().partition("\n## Zenoh\n")[2].partition("\n## ")[0]
+
+
+def documented(block: str) -> list[dict[str, Any]]:
+    """Outputs of a YAML block of the docs; one without a list goes on from the one before."""
+    data = yaml.safe_load(block)
+    return data.get("outputs", [{"type": "zenoh", **data}])
+
+
+def test_documented_outputs_have_no_fault() -> None:
+    outputs = [
+        output
+        for block in re.findall(r"(?ms)^```yaml\n(.*?)^```$", DOCS)
+        for output in documented(block)
+    ]
+    assert len(outputs) >= 6
+    said: list[str] = []
+    for output in outputs:
+        settings = build(ZenohOutput, output, said, "outputs[0]")
+        assert settings is not None, said
+        said += faults(settings, "outputs[0]")
+    assert said == []
+
+
+@pytest.mark.parametrize(
+    ("first", "block"), [("setting", ZenohOutput), ("`tls`", ZenohTls), ("`ros`", ZenohRos)]
+)
+def test_every_setting_is_documented(first: str, block: type[msgspec.Struct]) -> None:
+    rows = DOCS.partition(f"\n| {first} | default | |\n")[2].partition("\n\n")[0]
+    names = set(re.findall(r"`(\w+)`", " ".join(re.findall(r"(?m)^\| (`.*?`) \|", rows))))
+    assert names == {field.encode_name for field in msgspec.structs.fields(block)}

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from gateway.config import ZenohOutput, ZenohTls
-from gateway.outputs.zenoh import open_publisher
+from gateway.outputs.zenoh import ask, client_of, open_publisher
 from tests.integration.zenoh_ends import free_endpoint, session, until
 
 pytestmark = pytest.mark.live
@@ -94,6 +94,15 @@ async def test_certificates_of_one_authority_meet(ours: Authority) -> None:
     vehicle = client(endpoint, tls=ours.sign("auv1", mutual=True))
     sample = await hears(router, vehicle, inside)
     assert sample.payload.to_string() == '{"mode":"aided"}'
+
+
+async def test_a_gateway_behind_certificates_is_asked_by_its_own_settings(ours: Authority) -> None:
+    endpoint = free_endpoint("tls")
+    router = ZenohOutput(mode="router", listen=(endpoint,), tls=ours.sign("ship", mutual=True))
+    async with open_publisher(router, "ship") as publisher:
+        publisher.publish("status", {"mode": "aided"})
+        answers = await asyncio.to_thread(ask, client_of(router), "usblnav/*/status")
+    assert answers == {"usblnav/ship/status": b'{"mode":"aided"}'}
 
 
 async def test_a_router_of_another_authority_is_refused(ours: Authority, theirs: Authority) -> None:

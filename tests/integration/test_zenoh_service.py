@@ -19,7 +19,7 @@ from gateway.config import MapOrigin, ZenohOutput, ZenohRos
 from gateway.outputs.schema import nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
-from tests.integration.zenoh_ends import free_endpoint, session, until
+from tests.integration.zenoh_ends import Wire, free_endpoint, session, until
 
 pytestmark = pytest.mark.live
 
@@ -109,11 +109,20 @@ async def test_a_great_past_is_given_whole_while_navigation_goes_on() -> None:
     assert turns > 10
 
 
-async def test_after_its_router_a_client_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
+EAGER = {"connect": {"retry": {"period_init_ms": 100, "period_increase_factor": 1.0}}}
+"""Zenoh tries again sooner than by itself: one second, two, four."""
+IMPATIENT = EAGER | {"transport": {"link": {"tx": {"lease": 1000}}}}
+"""And believes in a silent connection for one second instead of ten."""
+
+
+@pytest.mark.parametrize("mode", ["client", pytest.param("peer", marks=pytest.mark.slow)])
+async def test_after_its_router_a_vehicle_is_as_it_was(
+    mode: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("INFO")
     endpoint = free_endpoint()
     router = ZenohOutput(mode="router", listen=(endpoint,))
-    settings = ZenohOutput(mode="client", connect=(endpoint,))
+    settings = ZenohOutput(mode=mode, connect=(endpoint,), config=EAGER)
     async with open_publisher(router, "ship"):
         opening = open_publisher(settings, "auv1")
         publisher = await opening.__aenter__()
@@ -134,11 +143,30 @@ async def test_after_its_router_a_client_is_as_it_was(caplog: pytest.LogCaptureF
         await opening.__aexit__(None, None, None)
     assert {str(token.ok.key_expr) for token in tokens} == {"usblnav/ship", "usblnav/auv1"}
     assert last["utc_ns"] == 4_000_000_000
-    ours = [m for m in caplog.messages if "zenoh client" in m]
+    ours = [m for m in caplog.messages if f"zenoh {mode}" in m]
     assert ours[:2] == [
-        f"output zenoh client: {endpoint}: nobody answers; trying again",
-        "output zenoh client: back",
+        f"output zenoh {mode}: {endpoint}: nobody answers; trying again",
+        f"output zenoh {mode}: back",
     ]
+
+
+async def test_a_network_that_goes_silent_is_noticed_and_comes_back() -> None:
+    endpoint = free_endpoint()
+    router = ZenohOutput(mode="router", listen=(endpoint,), config=IMPATIENT)
+    heard: list[zenoh.Sample] = []
+    async with open_publisher(router, "ship"), Wire(endpoint) as wire:
+        settings = ZenohOutput(mode="client", connect=(wire.endpoint,), config=IMPATIENT)
+        async with open_publisher(settings, "auv1") as publisher:
+            with session(endpoint) as there:
+                held = there.declare_subscriber(NAV, heard.append)
+                await until(lambda: heard, lambda: publish(publisher))
+                wire.cut()
+                await until(lambda: not publisher.status().up, lambda: publish(publisher))
+                wire.mend()
+                await until(lambda: publisher.status().up)
+                heard.clear()
+                await until(lambda: heard, lambda: publish(publisher))
+                held.undeclare()
 
 
 SUBSCRIBER = """

@@ -4,8 +4,8 @@ import asyncio
 import json
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import Any, Self
 
 import pytest
 import zenoh
@@ -40,3 +40,42 @@ async def until(condition: Callable[[], object], do: Callable[[], object] = lamb
         do()
         await asyncio.sleep(0.05)
     pytest.fail("waited twenty seconds in vain")
+
+
+class Wire:
+    """A way to an endpoint that can be cut: then it swallows all and says nothing."""
+
+    def __init__(self, far: str) -> None:
+        self._far = int(far.rpartition(":")[2])
+        self._whole = asyncio.Event()
+        self._whole.set()
+        self.endpoint = ""
+
+    async def __aenter__(self) -> Self:
+        self._server = await asyncio.start_server(self._carry, "127.0.0.1", 0)
+        self.endpoint = f"tcp/127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._server.close()
+
+    def cut(self) -> None:
+        """Nothing gets through any more, either way."""
+        self._whole.clear()
+
+    def mend(self) -> None:
+        """What was under way arrives."""
+        self._whole.set()
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there, back = await asyncio.open_connection("127.0.0.1", self._far)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._pass(reader, back))
+            group.create_task(self._pass(there, writer))
+
+    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError):
+            while data := await reader.read(65536):
+                await self._whole.wait()
+                writer.write(data)
+        writer.close()
