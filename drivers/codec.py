@@ -1,7 +1,9 @@
 """The seam between bytes and records: what every wire format provides."""
 
+import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, Literal, Protocol
 
 import msgspec
@@ -65,6 +67,7 @@ class Codec:
         Makes a fresh decoder for an instance of `options`.
     encode
         Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it.
+        Raises ValueError for what the format cannot say, a number too large for its field included.
     counting
         How its sequence numbers and its time run.
     also
@@ -80,7 +83,21 @@ class Codec:
     counting: Counting = Counting()
     also: tuple[Kind, ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "encode", _refusing(self.name, self.encode))
+
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """What kinds of device it speaks for."""
         return (self.kind, *self.also)
+
+
+def _refusing(name: str, encode: Callable[[Any, Any], bytes]) -> Callable[[Any, Any], bytes]:
+    @wraps(encode)
+    def refusing(record: Any, options: Any) -> bytes:
+        try:
+            return encode(record, options)
+        except (struct.error, OverflowError) as error:
+            raise ValueError(f"{name} cannot say this {type(record).__name__}: {error}") from error
+
+    return refusing

@@ -100,6 +100,13 @@ def test_an_interval_that_is_none(value: float) -> None:
     assert (type(record), record.reason) == (Rejected, "range")
 
 
+@pytest.mark.parametrize("codec", [VECTORNAV, SBG_ECOM], ids=named)
+def test_a_number_beyond_its_field_is_refused(codec: Codec) -> None:
+    far = msgspec.structs.replace(SAMPLE, t_device_s=1e12, temperature_c=200.0)
+    with pytest.raises(ValueError, match=f"{codec.name} cannot say this ImuRecord: "):
+        codec.encode(far, codec.options())
+
+
 @pytest.mark.parametrize("codec", RATES, ids=named)
 def test_encode_refuses_what_the_format_cannot_say(codec: Codec) -> None:
     with pytest.raises(ValueError, match="does not carry"):

@@ -219,6 +219,21 @@ def test_a_sample_that_is_none_is_not_valid(value: float) -> None:
     assert not record.valid
 
 
+@pytest.mark.parametrize(("bit", "size"), [(3, 46), (6, 49), (9, 12), (10, 37), (11, 33), (14, 41)])
+def test_blocks_of_no_numbers(bit: int, size: int) -> None:
+    (record,) = read(telegram((0, 0, 1 << bit), b"\xff" * size), geoid_m=45.0)
+    assert not record.valid
+    assert "nan" not in repr(record).lower()
+
+
+def test_navigation_of_no_numbers() -> None:
+    masks = (1 << 0 | 1 << 1 | 1 << 5 | 1 << 6 | 1 << 25 | 1 << 28, 1 << 2, 0)
+    size = 12 + 12 + 12 + 12 + 12 + 12 + 12
+    for record in read(telegram(masks, b"\xff" * size)):
+        assert not record.valid
+        assert "nan" not in repr(record).lower()
+
+
 def test_manual_gnss_is_not_measured() -> None:
     block = struct.pack(">iBBdd6f", 0, 2, 4, 48.5, 2.0, 10.0, 1, 1, 1, 0, 0)
     (record,) = read(telegram((0, 0, 1 << 3), block), geoid_m=45.0)

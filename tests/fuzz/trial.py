@@ -3,6 +3,7 @@
 import gc
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from itertools import product
 from math import isfinite
@@ -112,6 +113,9 @@ def check(codec: str, data: bytes) -> None:
     for record in records:
         assert not isinstance(record, Rejected) or record.data, "nothing was rejected"
         assert _is_finite(record), f"not a number in {record}"
+        if not isinstance(record, Rejected):
+            with suppress(ValueError):
+                registry.lookup(codec).encode(record, trial.options)
     whole = run(codec, [b"".join(trial.chunks)], trial.options)
     assert bare(records) == bare(whole), "chunking changes the records"
     check_tiling(codec, trial.chunks, records, trial.options, alone=codec not in REMEMBERS)

@@ -103,9 +103,10 @@ def encode(record: Record, options: NovatelOptions) -> bytes:
         return _encode_corrected(record)
     sample = inertial(record, "novatel-span")
     scale = options.scale or SCALES["isa100c"]
-    x, y, z = (_count(v, scale.gyro_rad) for v in rotation(sample, increment=True))
-    u, v, w = (_count(v, scale.accel_m_s) for v in acceleration(sample, increment=True))
-    counts = w, -v, u, z, -y, x
+    x, y, z = rotation(sample, increment=True)
+    u, v, w = acceleration(sample, increment=True)
+    counts = [_count(value, scale.accel_m_s) for value in (w, -v, u)]
+    counts += [_count(value, scale.gyro_rad) for value in (z, -y, x)]
     seconds = (sample.t_device_s or 0.0) % WEEK_S
     info, imu_type = int(not sample.valid), NUMBERS[options.imu or "isa100c"]
     name = options.log.upper()

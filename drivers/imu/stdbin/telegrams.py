@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -159,17 +159,18 @@ def _sample(heard: Heard, places: Places) -> Record:
         valid=bool(gyro and accel and plausible(gyro, accel)),
         rate_rad_s=gyro,
         specific_force_m_s2=accel,
-        temperature_c=None if warm is None else VECTOR.unpack_from(heard.telegram, warm)[0],
+        temperature_c=None if warm is None else _known(_first(heard, warm)),
     )
 
 
 def _compensated(heard: Heard, places: Places) -> Record:
     turning, moving = _vector(heard, places[0], DEG), _vector(heard, places[1])
+    lost = (turning is UNSET and places[0]) or (moving is UNSET and places[1])
     return CompensatedRecord(
         **heard.arrival,
         sequence=heard.counter,
         t_device_s=heard.validity * TICK_S,
-        valid=plausible(turning or _ZERO, moving or _ZERO),
+        valid=not lost and plausible(turning or _ZERO, moving or _ZERO),
         rate_rad_s=turning,
         acceleration_m_s2=moving,
     )
@@ -177,14 +178,14 @@ def _compensated(heard: Heard, places: Places) -> Record:
 
 def _attitude(heard: Heard, places: Places) -> Record:
     attitude, sd = _vector(heard, places[0]), _vector(heard, places[1])
-    heading, roll, pitch = attitude or _ZERO
+    heading, roll, pitch = attitude or (None, None, None)
     return HeadingRecord(
         **heard.arrival,
         heading_deg=heading,
         roll_deg=roll,
-        pitch_deg=-pitch,
+        pitch_deg=None if pitch is None else -pitch,
         t_device_s=heard.validity * TICK_S,
-        valid=_finite((heading, roll, pitch)),
+        valid=attitude is not UNSET,
         sd_deg=sd[0] if sd else UNSET,
     )
 
@@ -193,30 +194,32 @@ def _gnss(heard: Heard, at: int) -> Record:
     tag, source, quality, lat, lon, altitude, *sd, _, geoid = GNSS_BLOCK.unpack_from(
         heard.telegram, at
     )
-    geoid_m = geoid or heard.options.geoid_m
+    geoid_m = _known(geoid) or heard.options.geoid_m
+    is_place = _finite((lat, lon, altitude))
     return GnssRecord(
         **heard.told(tag),
-        valid=quality > 0 and source != MANUAL_GNSS and _finite((lat, lon, altitude)),
+        valid=quality > 0 and source != MANUAL_GNSS and is_place,
         t_device_s=tag * TICK_S,
-        lat_deg=lat,
-        lon_deg=_east(lon),
-        height_m=None if geoid_m is None else altitude + geoid_m,
+        lat_deg=lat if is_place else None,
+        lon_deg=_east(lon) if is_place else None,
+        height_m=altitude + geoid_m if is_place and geoid_m is not None else None,
         geoid_m=geoid_m,
         quality=quality,
-        sd_m=(sd[0], sd[1], sd[2]),
+        sd_m=_triple(*sd),
     )
 
 
 def _usbl(heard: Heard, at: int) -> Record:
     tag, _, beacon, lat, lon, altitude, *_ = USBL_BLOCK.unpack_from(heard.telegram, at)
+    is_place = _finite((lat, lon, altitude))
     return UsblRecord(
         **heard.told(tag),
         beacon=_name(beacon),
         t_device_s=tag * TICK_S,
-        valid=_finite((lat, lon, altitude)),
-        lat_deg=lat,
-        lon_deg=_east(lon),
-        depth_m=-altitude,
+        valid=is_place,
+        lat_deg=lat if is_place else UNSET,
+        lon_deg=_east(lon) if is_place else UNSET,
+        depth_m=-altitude if is_place else UNSET,
     )
 
 
@@ -224,23 +227,24 @@ def _depth(heard: Heard, at: int) -> Record:
     tag, depth, sd = DEPTH_BLOCK.unpack_from(heard.telegram, at)
     return DepthRecord(
         **heard.told(tag),
-        depth_m=depth,
+        depth_m=_known(depth),
         t_device_s=tag * TICK_S,
-        valid=_finite((depth,)),
-        sd_m=sd,
+        valid=isfinite(depth),
+        sd_m=sd if isfinite(sd) else UNSET,
     )
 
 
 def _bottom(heard: Heard, at: int) -> Record:
     tag, _, forward, port, up, sound, altitude, *sd = BOTTOM_BLOCK.unpack_from(heard.telegram, at)
+    velocity = _triple(forward, -port, -up)
     return DvlRecord(
         **heard.told(tag),
-        velocity_m_s=(forward, -port, -up),
+        velocity_m_s=velocity or None,
         t_device_s=tag * TICK_S,
-        valid=_finite((forward, port, up)),
-        altitude_m=altitude if altitude > 0 else None,
-        sd_m_s=(sd[0], sd[1], sd[2]),
-        sound_speed_m_s=sound,
+        valid=velocity is not UNSET,
+        altitude_m=altitude if 0 < altitude < inf else None,
+        sd_m_s=_triple(*sd),
+        sound_speed_m_s=sound if isfinite(sound) else UNSET,
     )
 
 
@@ -250,8 +254,8 @@ def _water(heard: Heard, at: int) -> Record:
         **heard.told(tag),
         t_device_s=tag * TICK_S,
         valid=False,
-        water_velocity_m_s=(forward, -port, -up),
-        sound_speed_m_s=sound,
+        water_velocity_m_s=_triple(forward, -port, -up),
+        sound_speed_m_s=sound if isfinite(sound) else UNSET,
     )
 
 
@@ -259,9 +263,9 @@ def _lbl(heard: Heard, at: int) -> Record:
     tag, _, beacon, _, _, _, range_m, _ = LBL_BLOCK.unpack_from(heard.telegram, at)
     return LblRecord(
         **heard.told(tag),
-        replies=(LblReply(beacon=_name(beacon), range_m=range_m),),
+        replies=(LblReply(beacon=_name(beacon), range_m=_known(range_m)),),
         t_ping_s=tag * TICK_S,
-        valid=_finite((range_m,)) and range_m > 0,
+        valid=0 < range_m < inf,
     )
 
 
@@ -277,10 +281,24 @@ _BLOCKS: dict[int, Callable[[Heard, int], Record]] = {
 
 
 def _vector(heard: Heard, at: int | None, unit: float = 1.0) -> Vec3 | UnsetType:
+    """What is no number in any of three is not there."""
     if at is None:
         return UNSET
     x, y, z = VECTOR.unpack_from(heard.telegram, at)
-    return x * unit, y * unit, z * unit
+    return _triple(x * unit, y * unit, z * unit)
+
+
+def _triple(x: float, y: float, z: float) -> Vec3 | UnsetType:
+    return (x, y, z) if isfinite(x + y + z) else UNSET
+
+
+def _first(heard: Heard, at: int) -> float:
+    value: float = VECTOR.unpack_from(heard.telegram, at)[0]
+    return value
+
+
+def _known(value: float) -> float | None:
+    return value if isfinite(value) else None
 
 
 def _finite(values: tuple[float, ...]) -> bool:
