@@ -16,8 +16,8 @@ from gateway.emulator import twin
 from gateway.emulator.scenario import PtyPort, UdpPort
 from gateway.errors import UsblnavError
 
-READY_S = 90.0
-"""The first start on a machine compiles the filter."""
+READY_S = 600.0
+"""The first start on a machine compiles the filter: minutes on a small one that is busy."""
 END_S = 5.0
 PLOTTER_PORT = 10110
 
