@@ -31,6 +31,7 @@ from gateway.messages import (
     Measurement,
     NavSolution,
     SavedState,
+    Verdict,
 )
 from gateway.modes import Mode
 from gateway.order import OrderCounts, Refusal
@@ -120,7 +121,7 @@ class Estimator:
         else:
             yield from self._take_fix(measurement)
 
-    def _take_fix(self, fix: Fix) -> Iterator[Innovation]:
+    def _take_fix(self, fix: Fix) -> Iterator[Verdict]:
         """Take a fix; keep it while the attitude is not found."""
         if self._start is not None:
             yield from self._keep_for(self._start, fix)
@@ -149,7 +150,7 @@ class Estimator:
     def _begin(self, memory: Memory, after: Note | None = None) -> None:
         """Start a filter and a history, empty but for what a note tells."""
         self._filter = self._engine(initial.model(self._config), memory)
-        self._timeline: Timeline[Innovation] = Timeline(
+        self._timeline: Timeline[Verdict] = Timeline(
             self._filter,
             self._config.imu[1].rate_hz,
             self._config.filter.history_s,
@@ -183,7 +184,7 @@ class Estimator:
             self._start = Start(self._config, memory.state.copy())
         self._begin(memory)
 
-    def _lose_sight(self, t_ns: int) -> Iterator[Innovation]:
+    def _lose_sight(self, t_ns: int) -> Iterator[Verdict]:
         """Begin again after a silence too long to be bridged, at its end.
 
         Of the sample that stands in for it nothing is used.
@@ -203,7 +204,7 @@ class Estimator:
             else:
                 yield from self._take_fix(fix)
 
-    def _begin_again(self) -> Iterator[Innovation]:
+    def _begin_again(self) -> Iterator[Verdict]:
         """Start at the last sound state with the configured uncertainty."""
         sound, fresh = self._sound, initial.initial_state(self._config)
         self._resets += 1
@@ -250,7 +251,7 @@ class Estimator:
         if begin < len(t_ns):
             yield from self._extend(t_ns[begin:], rows[begin:])
 
-    def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> Iterator[Innovation]:
+    def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> Iterator[Verdict]:
         """Run over samples, counting them; before that find the attitude where it is not known."""
         if len(t_ns):
             self._samples += len(t_ns)
@@ -270,7 +271,7 @@ class Estimator:
                 yield _refused(fix, Refusal.TOO_LATE)
         yield from self._timeline.extend(t_ns, rows)
 
-    def _keep_for(self, start: Start, fix: Fix) -> Iterator[Innovation]:
+    def _keep_for(self, start: Start, fix: Fix) -> Iterator[Verdict]:
         """Keep a fix until the attitude is found, within bounds."""
         far_ns = self._t_last_ns + round(self._max_gap_s * 1e9)
         if len(start.fixes) < MAX_WAITING and not (self._samples and fix.t_ns > far_ns):
@@ -278,9 +279,9 @@ class Estimator:
         else:
             yield _refused(fix, self._counts.refuse(Refusal.TOO_EARLY))
 
-    def _feed_fix(self, fix: Fix) -> Iterator[Innovation]:
+    def _feed_fix(self, fix: Fix) -> Iterator[Verdict]:
         """Give a fix its place in time."""
-        verdicts: list[Innovation] | Refusal
+        verdicts: list[Verdict] | Refusal
         if self._away is None:
             verdicts = self._timeline.insert(fix, fix.t_ns, _key(fix))
         else:  # it is of the time away

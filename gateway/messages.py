@@ -203,6 +203,30 @@ class Innovation(msgspec.Struct, frozen=True, array_like=True, tag="innovation")
     """Running mean of the beacon's NIS per row, near 1 as declared; None where no beacon is."""
 
 
+class TargetSighting(msgspec.Struct, frozen=True, array_like=True, tag="sighting"):
+    """Where a beacon that is followed was when it replied (WGS84, rad, m), by one fix.
+
+    ``t_ns`` is the reply's own time, earlier than that of the fix. ``cov`` holds the variances of
+    north, east, down and the covariances north-east, north-down, east-down (m^2), our own
+    uncertainty in them.
+    """
+
+    accepted: ClassVar[bool] = False
+    """It corrects nothing."""
+
+    t_ns: int
+    device: str
+    beacon: str
+    lat: float
+    lon: float
+    h: float
+    cov: tuple[float, float, float, float, float, float]
+
+
+Verdict = Innovation | TargetSighting
+"""What a fix leads to."""
+
+
 class Constant(msgspec.Struct, frozen=True, array_like=True):
     """One estimated constant; its unit stands at the end of its name (edge units: degrees)."""
 
@@ -287,5 +311,5 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
         return self.state.t_ns
 
 
-FilterOutput = NavSolution | Innovation | Calibration | FilterCounts | SavedState | Checkpoint
+FilterOutput = NavSolution | Verdict | Calibration | FilterCounts | SavedState | Checkpoint
 """What the estimator says; the last two are for its keeper."""

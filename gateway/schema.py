@@ -154,6 +154,9 @@ class _Builder:
         tags = {member.tag: member for member in structs}
         tag = data.get(field)
         place, names = _join(path, field), ", ".join(str(name) for name in tags)
+        meant = next((m for m in structs if getattr(m.cls, "is_meant_untagged", False)), None)
+        if field not in data and meant is not None:
+            return self._struct(meant, data, path)
         if field not in data:
             return self._fault(place, f"missing; one of: {names}")
         if not isinstance(tag, str | int) or tag not in tags:

@@ -213,14 +213,28 @@ class HeadingDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="h
 Device = ImuDevice | UsblDevice | LblDevice | GnssDevice | DepthDevice | DvlDevice | HeadingDevice
 
 
-class Beacon(_Block, frozen=True):
-    """A transponder moored at a known place."""
+class Beacon(_Block, frozen=True, tag_field="role", tag="moored"):
+    """A transponder moored at a known place: the role where none is given."""
+
+    is_meant_untagged: ClassVar[bool] = True
 
     lat_deg: Latitude
     lon_deg: Longitude
     height_m: float
     turnaround_ms: NonNegative = 0.0
     travel: Literal["two_way", "one_way"] = "two_way"
+
+
+class Target(_Block, frozen=True, tag_field="role", tag="target"):
+    """A transponder on something that moves: it is followed, and says nothing of our own place."""
+
+    name: Name
+    turnaround_ms: NonNegative = 0.0
+    travel: Literal["two_way", "one_way"] = "two_way"
+    acceleration_m_s2: Positive = 0.05
+    """White noise of its acceleration over one second: how sharply it may turn."""
+    max_age_s: Positive = 30.0
+    """Without a fix for longer it is lost."""
 
 
 class Filter(_Block, frozen=True):
@@ -347,7 +361,7 @@ class Config(_Block, frozen=True):
     vehicle: Name
     devices: dict[Name, Device]
     initial: Initial
-    beacons: dict[str, Beacon] = {}
+    beacons: dict[str, Beacon | Target] = {}
     sound_speed_m_s: Annotated[float, Meta(ge=1300, le=1700)] = 1500.0
     filter: Filter = Filter()
     state: StateFile = StateFile()
@@ -384,6 +398,16 @@ class Config(_Block, frozen=True):
     def lbl(self) -> dict[str, LblDevice]:
         """The interrogators of moored transponders by name."""
         return {n: d for n, d in self.devices.items() if isinstance(d, LblDevice)}
+
+    @property
+    def moored(self) -> dict[str, Beacon]:
+        """The beacons whose place is known, by address."""
+        return {n: b for n, b in self.beacons.items() if isinstance(b, Beacon)}
+
+    @property
+    def targets(self) -> dict[str, Target]:
+        """The beacons that are followed, by address."""
+        return {n: b for n, b in self.beacons.items() if isinstance(b, Target)}
 
     @property
     def acoustic(self) -> dict[str, UsblDevice | LblDevice]:

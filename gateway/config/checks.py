@@ -94,6 +94,19 @@ def _beacons(config: Config) -> Iterator[str]:
             for n, beacon in enumerate(device.beacons):
                 if beacon not in config.beacons:
                     yield f'devices.{name}.beacons[{n}]: no beacon is called "{beacon}"'
+                elif beacon in config.targets:
+                    yield f'devices.{name}.beacons[{n}]: "{beacon}" is a target; ranges need a place'
+    yield from _names_of_targets(config)
+
+
+def _names_of_targets(config: Config) -> Iterator[str]:
+    """A target's name is a key on Zenoh: two cannot share it."""
+    first: dict[str, str] = {}
+    for address, target in config.targets.items():
+        if known(target.name):
+            other = first.setdefault(target.name, address)
+            if other != address:
+                yield f"beacons.{address}.name: beacons.{other} has this name"
 
 
 def _shared_constants(config: Config) -> Iterator[str]:

@@ -8,7 +8,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gateway.engine import Track
-from gateway.fusion import robust
+from gateway.fusion import robust, target
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import (
     Linearised,
@@ -19,7 +19,7 @@ from gateway.fusion.kalman import (
 from gateway.fusion.observation import Model, observe, place
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
-from gateway.messages import Component, Fix, Innovation, UsblFix
+from gateway.messages import Component, Fix, Innovation, UsblFix, Verdict
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -137,8 +137,10 @@ class Filter:
         """Go back to a copy, which stays as it is."""
         self.memory = saved.copy()
 
-    def apply(self, fix: Fix, track: Track) -> Innovation:
-        """Use one fix at its time, or say why not."""
+    def apply(self, fix: Fix, track: Track) -> Verdict:
+        """Use one fix at its time, or say why not; one of a target tells where that was."""
+        if fix.beacon in self.model.targets:
+            return self._sight(fix, track)
         z = self._observe(fix, track)
         if isinstance(z, str):
             return self._refuse(fix, z)
@@ -158,6 +160,15 @@ class Filter:
         components = _components(z, S)
         return Innovation(
             fix.t_ns, fix.device, fix.beacon, components, nis, accepted, reason, quality
+        )
+
+    def _sight(self, fix: Fix, track: Track) -> Verdict:
+        """Tell a target's place: it says nothing of our own, and the gate knows nothing of it."""
+        found = None
+        if isinstance(fix, UsblFix) and fix.device in self.model.arrays:
+            found = target.sighting(self.model, self.memory.state, fix, track)
+        return found or Innovation(
+            fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, "target"
         )
 
     def _observe(self, fix: Fix, track: Track) -> Linearised | str:

@@ -19,7 +19,7 @@ from gateway.config import (
 )
 from gateway.config import Filter as FilterChoice
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.observation import AcousticArray, Loose, Model, Mount, Transponder
+from gateway.fusion.observation import AcousticArray, Loose, Model, Mount, Responder, Transponder
 from gateway.fusion.state import (
     ATT,
     BA,
@@ -131,7 +131,11 @@ def model(config: Config) -> Model:
                 b.turnaround_ms * 1e-3,
                 b.travel == "two_way",
             )
-            for name, b in config.beacons.items()
+            for name, b in config.moored.items()
+        },
+        targets={
+            name: Responder(b.turnaround_ms * 1e-3, b.travel == "two_way")
+            for name, b in config.targets.items()
         },
         mounts=_mounts(config),
         loose=_loose(config.filter),

@@ -55,6 +55,14 @@ class Transponder:
 
 
 @dataclass(frozen=True)
+class Responder:
+    """A beacon on something that moves: its turn-around time, and whether its range is two-way."""
+
+    turnaround_s: float
+    two_way: bool
+
+
+@dataclass(frozen=True)
 class AcousticArray:
     """An array of the vehicle.
 
@@ -111,6 +119,8 @@ class Model:
         (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
     gate
         Probability inside the chi-squared gate.
+    targets
+        Beacons that say nothing of our own place.
     mounts
         By device; one that is not named sits at the IMU in the body's axes.
     loose
@@ -125,6 +135,7 @@ class Model:
     sound_speed: float
     arrays: dict[str, AcousticArray]
     beacons: dict[str, Transponder]
+    targets: dict[str, Responder] = field(default_factory=dict)
     mounts: dict[str, Mount] = field(default_factory=dict)
     loose: Loose | None = None
     robust: RobustKind = "none"
@@ -189,7 +200,7 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
         return "unknown_beacon"
     match fix:
         case UsblFix():
-            transmit = _transmit(model, beacon, fix.t_ns, None, fix.slant_range, track)
+            transmit = departure(model, beacon, fix.t_ns, None, fix.slant_range, track)
             return _sighted(model, state, array, _sighting(array, beacon, fix, transmit))
         case BeaconPlace():
             if not array.goes_by_us:
@@ -197,7 +208,7 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
             return _placed(model, state, fix, track) or "geometry"
         case BeaconRange():
             sent, range_m = fix.t_transmit_ns, fix.slant_range
-            transmit = _transmit(model, beacon, fix.t_ns, sent, range_m, track)
+            transmit = departure(model, beacon, fix.t_ns, sent, range_m, track)
             reply = lbl.Reply(range_m, float(array.sigma[usbl.RANGE]), beacon.r_e, transmit)
             return lbl.linearise(state, array.geometry.lever_b, reply)
         case RadialRate():
@@ -242,16 +253,16 @@ def _placed(model: Model, state: State, fix: BeaconPlace, track: Track) -> Linea
     r_u = (state.C_eb @ C_bu).T @ (told_e - state.r_e - state.C_eb @ lever_b)
     range_m = float(np.linalg.norm(r_u))
     measured = np.array([*usbl.angles(tuple(r_u.tolist())), range_m])
-    transmit = _transmit(model, beacon, fix.t_ns, None, range_m, track)
+    transmit = departure(model, beacon, fix.t_ns, None, range_m, track)
     sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
     sigma_m = None if model.loose is None else model.loose.sigma
     z = loose.linearise(state, array.geometry, sight, sigma_m)
     return z and Linearised(z.residual[:2], z.H[:2], z.R[:2, :2], z.names[:2])
 
 
-def _transmit(
+def departure(
     model: Model,
-    beacon: Transponder,
+    beacon: Transponder | Responder,
     t_ns: int,
     t_transmit_ns: int | None,
     slant_range: float | None,

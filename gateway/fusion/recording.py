@@ -9,7 +9,7 @@ from gateway.engine import Track
 from gateway.fusion.filter import Filter
 from gateway.fusion.restart import unseen_transition
 from gateway.fusion.state import State
-from gateway.messages import Fix, Innovation
+from gateway.messages import Fix, Verdict
 from gateway.nav import transition
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class NotingFilter(Filter):
 
     uses: dict[Fix, Use] = field(init=False, default_factory=dict)
 
-    def apply(self, fix: Fix, track: Track) -> Innovation:
+    def apply(self, fix: Fix, track: Track) -> Verdict:
         """Use one fix at its time, or say why not."""
         past = Remembered(track)
         verdict = super().apply(fix, past)
@@ -119,7 +119,7 @@ class RecordingFilter(NotingFilter):
         self._pass(row, end)
         self._knot()
 
-    def apply(self, fix: Fix, track: Track) -> Innovation:
+    def apply(self, fix: Fix, track: Track) -> Verdict:
         """Use one fix at its time, or say why not.
 
         A refused one is a knot where it grew the covariance: what the filter doubts is its own

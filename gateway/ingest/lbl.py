@@ -22,7 +22,7 @@ class Sea:
     @classmethod
     def of(cls, config: Config) -> "Sea":
         """The sea of a configuration."""
-        beacons = config.beacons.items()
+        beacons = config.moored.items()
         return cls(
             config.sound_speed_m_s,
             {name: beacon.turnaround_ms * 1e-3 for name, beacon in beacons},

@@ -66,11 +66,9 @@ def track(source: Source) -> Figure:
     axis.plot(east[0], north[0], "o", color=SOLUTION, markersize=5, label="begin")
     axis.plot(east[-1], north[-1], "s", color=SOLUTION, markersize=5, label="end")
     if source.config is not None:
-        for name, beacon in source.config.beacons.items():
-            place = _place(beacon)
-            if place is None:
-                continue
-            b_e, b_n = _metres(np.array([place[0]]), np.array([place[1]]), lat0, lon0)
+        for name, beacon in source.config.moored.items():
+            place = np.array([beacon.lat_deg]), np.array([beacon.lon_deg])
+            b_e, b_n = _metres(*place, lat0, lon0)
             axis.plot(b_e, b_n, "^", color=REFUSED, markersize=7)
             axis.annotate(f" beacon {name}", (b_e[0], b_n[0]), color=REFUSED)
     axis.set_aspect("equal", adjustable="datalim")
@@ -225,11 +223,6 @@ def _shade(axis: Axes, t: Array, modes: NDArray[np.str_]) -> None:
     for begin, end in pairwise(starts):
         colour = _MODES.get(str(modes[begin]), "#f9d7d2")
         axis.axvspan(t[begin], t[min(end, len(t) - 1)], color=colour, linewidth=0, zorder=0)
-
-
-def _place(beacon: object) -> tuple[float, float] | None:
-    lat, lon = getattr(beacon, "lat_deg", None), getattr(beacon, "lon_deg", None)
-    return None if lat is None or lon is None else (float(lat), float(lon))
 
 
 def _metres(lat_deg: Array, lon_deg: Array, lat0: float, lon0: float) -> tuple[Array, Array]:

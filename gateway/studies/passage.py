@@ -17,7 +17,7 @@ from gateway.fusion.filter import Filter, Memory
 from gateway.fusion.recording import RecordingFilter
 from gateway.fusion.smoother import between, smooth
 from gateway.fusion.state import N_FULL, State
-from gateway.messages import Fix, Innovation
+from gateway.messages import Fix, Innovation, Verdict
 from gateway.order import Refusal
 from gateway.studies.errors import Measured
 from gateway.studies.voyage import EPOCH_S, Voyage
@@ -87,7 +87,7 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
     means = np.empty((m, len(engine.memory.state.x)))
     variances = np.empty((m, 9, 9))
     nees: list[float] = []
-    verdicts: list[Innovation] = []
+    verdicts: list[Verdict] = []
     for k in range(m):
         for fix in told.get(k, ()):
             taken = timeline.insert(fix, fix.t_ns, repr(fix))
@@ -103,7 +103,7 @@ def sail(voyage: Voyage, measured: Measured, engine: Filter, aided: bool = True)
             )
         part = slice(k * step, (k + 1) * step)
         verdicts += timeline.extend(voyage.t_ns[part], measured.rows[part])
-    seen = [v for v in verdicts if np.isfinite(v.nis)]
+    seen = [v for v in verdicts if isinstance(v, Innovation) and np.isfinite(v.nis)]
     error_n, sigma_n = _in_ned(voyage, means, variances)
     return Passage(
         error_n=error_n,
