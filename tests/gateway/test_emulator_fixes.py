@@ -47,7 +47,9 @@ S2C = {
 }
 CASES: dict[str, dict[str, Any]] = {
     "tracklink-lxt": {},
+    "tracklink-lxt, by north": {"axes": "north", "options": {"bearing_reference": "north"}},
     "tracklink-tp2": {},
+    "tracklink-tp2, by north": {"axes": "north", "options": {"bearing_reference": "north"}},
     "tracklink-log": {},
     "tracklink-gll": {"axes": "earth", "options": {"beacon": "1"}},
     "evologics": S2C,
