@@ -8,13 +8,13 @@ import re
 import subprocess
 import sys
 from argparse import ArgumentParser
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from drivers import registry
-from tests.fuzz import corpus
-from tests.fuzz.seeds import seeds, words
+from tests.fuzz import corpus, seeds
 from tests.fuzz.trial import check_flood
 
 INPUT_MAX = 1024
@@ -38,13 +38,13 @@ class Hunt:
     fault: str | None
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Hunt, print a line for each codec; 1 if anything was found."""
     parser = ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("codec", choices=["all", *registry.CODECS], metavar="CODEC|all")
     parser.add_argument("--minutes", type=float, default=10.0, help="for each; 0 tries the seeds")
     parser.add_argument("--keep", action="store_true", help="write the minimised corpus")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     chosen = sorted(registry.CODECS) if arguments.codec == "all" else [arguments.codec]
     print(f"{'codec':16} {'minutes':>8} {'executions':>11} {'edges':>6} {'kept':>5}  finding")
     faults = 0
@@ -65,7 +65,7 @@ def hunted(codec: str, minutes: float, *, keep: bool) -> Hunt:
         folder = Path(place)
         pool = folder / "pool"
         pool.mkdir()
-        for n, data in enumerate(seeds(codec)):
+        for n, data in enumerate(seeds.seeds(codec)):
             (pool / f"seed{n:03d}").write_bytes(data)
         said, fault = _libfuzzer(codec, minutes, folder) if minutes else ("", None)
         inputs = [path.read_bytes() for path in sorted(pool.iterdir())]
@@ -84,7 +84,7 @@ def hunted(codec: str, minutes: float, *, keep: bool) -> Hunt:
 
 def _libfuzzer(codec: str, minutes: float, folder: Path) -> tuple[str, str | None]:
     """What it says, and the fault it found; it never gives its process back."""
-    (folder / "words").write_text("".join(f'"{_quoted(word)}"\n' for word in words(codec)))
+    (folder / "words").write_text("".join(f'"{_quoted(word)}"\n' for word in seeds.words(codec)))
     options = {
         "max_total_time": max(1, round(minutes * 60)),
         "max_len": INPUT_MAX,

@@ -14,6 +14,7 @@ from drivers.nmea0183 import NMEA0183
 from drivers.records import DepthRecord, Record, Rejected
 from tests.drivers.streams import FRAMES
 from tests.fuzz import corpus
+from tests.fuzz.__main__ import main
 from tests.fuzz.sealing import sealed
 from tests.fuzz.seeds import words
 from tests.fuzz.trial import Trial, check, check_flood, trial_of
@@ -58,6 +59,11 @@ def test_sealing_leaves_good_frames_and_mends_bad_ones(codec: str) -> None:
     assert words(codec)
     checked = b"$GPHDT,1.0,T*00\r\n"
     assert sealed(codec, checked) != checked or codec == "evologics"
+
+
+def test_the_command_tries_what_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sbg-ecom", "--minutes", "0"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split()[0::5] == ["sbg-ecom", "none"]
 
 
 class Hoarder:
