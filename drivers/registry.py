@@ -38,6 +38,7 @@ CODECS: dict[str, str] = {
     "phins": "drivers.heading.phins:PHINS",
     "nmea-heading": "drivers.heading.nmea:NMEA_HEADING",
     "nmea-depth": "drivers.depth.nmea:NMEA_DEPTH",
+    "nmea-bus": "drivers.nmea_bus:NMEA_BUS",
     "pd0": "drivers.dvl.pd0:PD0",
     "pd6": "drivers.dvl.pd6:PD6",
     "nortek-dvl": "drivers.dvl.nortek:NORTEK",

@@ -36,7 +36,7 @@ class DepthOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def decoder(options: DepthOptions) -> Decoder:
     """Make a decoder of a sounder's or depth sensor's sentences."""
-    return table_decoder(_READERS, options, options.checksum)
+    return table_decoder(READERS, options, options.checksum)
 
 
 def encode(record: Record, options: DepthOptions) -> bytes:
@@ -72,7 +72,7 @@ def _measured(metres: float | None, options: DepthOptions, heard: Heard) -> Dept
     return DepthRecord(**heard, altitude_m=metres)
 
 
-_READERS = {"DPT": _dpt, "DBT": _dbt}
+READERS = {"DPT": _dpt, "DBT": _dbt}
 
 NMEA_DEPTH = Codec(
     name="nmea-depth",

@@ -50,7 +50,7 @@ class GnssOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def decoder(options: GnssOptions) -> Decoder:
     """Make a decoder of a receiver's sentences."""
-    return table_decoder(_READERS, options, options.checksum)
+    return table_decoder(READERS, options, options.checksum)
 
 
 def encode(record: Record, options: GnssOptions) -> bytes:
@@ -251,7 +251,7 @@ def _knots(record: GnssRecord) -> str:
     return plain(None if record.speed_m_s is None else record.speed_m_s / KNOT_M_S, 3)
 
 
-_READERS: dict[str, Reader] = {"GGA": _gga, "GNS": _gns, "RMC": _rmc, "VTG": _vtg, "ZDA": _zda}
+READERS: dict[str, Reader] = {"GGA": _gga, "GNS": _gns, "RMC": _rmc, "VTG": _vtg, "ZDA": _zda}
 _WRITERS = {"GGA": _gga_fields, "GNS": _gns_fields, "RMC": _rmc_fields, "VTG": _vtg_fields}
 
 NMEA_GNSS = Codec(

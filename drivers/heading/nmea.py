@@ -44,7 +44,7 @@ class HeadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def decoder(options: HeadingOptions) -> Decoder:
     """Make a decoder of a compass's sentences."""
-    return table_decoder(_READERS, options, options.checksum)
+    return table_decoder(READERS, options, options.checksum)
 
 
 def encode(record: Record, options: HeadingOptions) -> bytes:
@@ -178,7 +178,7 @@ def _pashr_fields(record: HeadingRecord) -> list[str]:
     return [clock(record.t_device_s), heading, "T", *attitude, "0.00", "", "", sd, quality, "1"]
 
 
-_READERS: dict[str, Reader] = {
+READERS: dict[str, Reader] = {
     "HDT": _hdt,
     "THS": _ths,
     "HDG": _hdg,

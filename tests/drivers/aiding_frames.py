@@ -197,6 +197,7 @@ AIDING: dict[str, list[bytes]] = {
     "nmea0183": _nmea(),
     "nmea-heading": _heading(),
     "nmea-depth": _depth(),
+    "nmea-bus": [*_gnss(), *_heading(), *_depth()],
     "paroscientific": _paroscientific(),
     "micromodem": _micromodem(),
     "pd0": _pd0(),

@@ -66,7 +66,7 @@ def test_of_two_receivers_one_is_too_many(tmp_path: Path) -> None:
         (
             {"codec": "kvh1750"},
             "devices.gnss0.codec: kvh1750 is of kind imu, the device of kind gnss;"
-            " one of: nmea-gnss",
+            " one of: nmea-bus, nmea-gnss",
         ),
         (
             {"options": {"checksum": "none"}},

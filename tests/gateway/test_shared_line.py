@@ -199,6 +199,28 @@ def test_a_stream_on_one_port_gives_what_it_gives_on_three(tmp_path: Path) -> No
     assert len(results[0].splitlines()) > 100
 
 
+def test_a_bus_of_sentences_is_three_devices() -> None:
+    """Of sentences that tell no time each device takes its own; the log line is nobody's."""
+    bus = {"codec": "nmea-bus", "options": {"measures": "depth", "checksum": "forbidden"}}
+    config = configured("imu0", "depth0", "gyro0", "gnss0", depth0=bus, gyro0=bus, gnss0=bus)
+    assert config.lines == (("imu0",), ("gnss0", "depth0", "gyro0"))
+    line = intakes(config)["gyro0"]
+    line.feed(
+        b"$GPGGA,120000.00,3300.0,S,07200.0,W,1,08,1.0,5.0,M,40.0,M,,\r\n"
+        b"$HEHDT,123.4,T\r\n$SDDPT,12.5,0.0\r\n$VDVLW,1.0,N,1.0,N\r\n$HEHDT,123.5,T\r\n",
+        10**12,
+    )
+    said = [(type(m).__name__, m.device) for m in line.flush()]
+    place, depth, heading = ("PositionFix", "gnss0"), ("Depth", "depth0"), ("HeadingFix", "gyro0")
+    assert sorted(said) == sorted([place, depth, heading, heading])
+    assert line.counts.ignored == {"not_gnss": 1}
+    assert {n: i.counts.records for n, i in line.ingests.items()} == {
+        "gnss0": 2,
+        "depth0": 1,
+        "gyro0": 2,
+    }
+
+
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
