@@ -95,7 +95,8 @@ def _beacons(config: Config) -> Iterator[str]:
                 if beacon not in config.beacons:
                     yield f'devices.{name}.beacons[{n}]: no beacon is called "{beacon}"'
                 elif beacon in config.targets:
-                    yield f'devices.{name}.beacons[{n}]: "{beacon}" is a target; ranges need a place'
+                    place = f"devices.{name}.beacons[{n}]"
+                    yield f'{place}: "{beacon}" is a target; ranges need a place'
     yield from _names_of_targets(config)
 
 
