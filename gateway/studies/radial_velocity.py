@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.config.blocks import Beacon
+from gateway.emulator.acoustics.water import Ear
 from gateway.emulator.scenario import Scenario
 from gateway.emulator.streams import generator
 from gateway.emulator.trajectory import Trajectory
@@ -48,9 +49,6 @@ ELEMENTS_U = (
     (0.0, -0.1, 0.0),
 )
 """Places of the elements in array axes (m)."""
-_STEP_S = 0.01
-_SLOPE = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-_SLOPE_AT = np.array([-2.0, -1.0, 1.0, 2.0])
 
 
 @dataclass(frozen=True)
@@ -122,21 +120,17 @@ def draw(of: Voyage, seed: int) -> Measured:
 def true_rates(of: Voyage, replies: Replies) -> Array:
     """(k, elements) slope of each element's distance to the beacon at each reception (m/s).
 
-    A five-point difference of the distances themselves, exact to 1e-6 m/s: no velocity, lever arm
-    or turn rate has a formula here.
+    The emulator's difference of the distances themselves, exact to 1e-6 m/s: no velocity, lever arm
+    or turn rate has a formula there.
     """
     _, model = of.usbl
     trajectory = Trajectory(of.scenario.trajectory, of.scenario.duration_s)
     C_bu = C_from_euler(*np.radians(model.mounting_deg))
     places_b = np.array(model.lever_arm_m) + np.array(ELEMENTS_U) @ C_bu.T
     beacons_e = np.array([_place(of.scenario.beacons[name]) for name in replies.beacon])
-    t = 1e-9 * replies.t_ns
-    rates = np.zeros((len(t), len(places_b)))
-    for weight, at in zip(_SLOPE, _SLOPE_AT, strict=True):
-        pose = trajectory.pose(np.asarray(t + at * _STEP_S, np.float64))
-        places_e = pose.r_e[:, None] + np.einsum("kij,nj->kni", pose.C_eb, places_b)
-        rates += weight / _STEP_S * np.linalg.norm(places_e - beacons_e[:, None], axis=-1)
-    return rates
+    ears = [Ear(trajectory, l_b, of.scenario.sound_speed_m_s) for l_b in places_b]
+    t = np.asarray(1e-9 * replies.t_ns, np.float64)
+    return np.stack([ear.range_rate(t, beacons_e) for ear in ears], axis=-1)
 
 
 def figure(one_beacon: Sequence[Run], two_beacons: Sequence[Run]) -> "Figure":
