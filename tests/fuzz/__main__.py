@@ -10,8 +10,10 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import monotonic
 
 from drivers import registry
 from tests.fuzz import corpus, seeds
@@ -45,6 +47,8 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=10.0, help="for each; 0 tries the seeds")
     parser.add_argument("--keep", action="store_true", help="write the minimised corpus")
     arguments = parser.parse_args(words)
+    if arguments.minutes and find_spec("atheris") is None:
+        parser.error("atheris is not installed: pip install usblnav[fuzz], or --minutes 0")
     chosen = sorted(registry.CODECS) if arguments.codec == "all" else [arguments.codec]
     print(f"{'codec':16} {'minutes':>8} {'executions':>11} {'edges':>6} {'kept':>5}  finding")
     faults = 0
@@ -67,14 +71,16 @@ def hunted(codec: str, minutes: float, *, keep: bool) -> Hunt:
         pool.mkdir()
         for n, data in enumerate(seeds.seeds(codec)):
             (pool / f"seed{n:03d}").write_bytes(data)
+        begun = monotonic()
         said, fault = _libfuzzer(codec, minutes, folder) if minutes else ("", None)
+        hunted_s = monotonic() - begun
         inputs = [path.read_bytes() for path in sorted(pool.iterdir())]
     kept = [] if fault else corpus.minimised(codec, inputs)
     if keep and kept:
         corpus.write(codec, kept)
     return Hunt(
         codec=codec,
-        minutes=minutes,
+        minutes=hunted_s / 60,
         executions=int(_last(_RUNS, said)),
         edges=int(_last(_EDGES, said)),
         kept=len(kept),
