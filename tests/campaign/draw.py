@@ -19,17 +19,25 @@ IMUS: dict[str, list[Data]] = {
     "sbg-ecom": [{}],
     "anpp": [{}, {"with_time": True}],
     "stdbin": [{}, {"version": 3}],
+    "hg4930": [{}],
 }
 USBLS: dict[str, list[Data]] = {
     "tracklink-lxt": [{}],
     "tracklink-tp2": [{}],
     "tracklink-log": [{}],
-    "evologics": [{}, {"framed": True}],
-    "psimssb": [{"levelled": False}],
-    "pazm3": [{"checksum": "required"}, {"elevation_positive": "up"}],
-    "usrth": [{}, {"elevation_positive": "down"}],
+    "tracklink-gll": [{"axes": "earth", "options": {"beacon": "1"}}],
+    "evologics": [{}, {"options": {"framed": True}}, {"says": ["angles"]}],
+    "psimssb": [{"options": {"levelled": False}}, {"axes": "level"}, {"axes": "north"}],
+    "gaps": [{"axes": "level"}, {"axes": "north"}, {"axes": "earth"}],
+    "psonlld": [{"axes": "earth"}],
+    "pazm3": [{"options": {"checksum": "required"}}, {"no_reply": "timeout"}],
+    "usrth": [{"options": {"beacon": "1"}}],
     "seatrac": [{}],
+    "micronnav": [{"axes": "level"}, {"options": {"levelled": False}}],
 }
+"""As `UsblModel` says them. A place by the topside's own position is heard, not used."""
+TIMED = ("evologics", "psimssb", "gaps")
+"""Formats that tell the time to better than a second."""
 ERRORS = ("right_invariant", "right_invariant", "left_invariant", "additive")
 GRADES: dict[str, tuple[Data, list[float]]] = {
     "navigation": (
@@ -92,9 +100,10 @@ def mission(seed: int, number: int, longest_s: float = 600.0) -> tuple[Data, str
     """
     dice = Dice(seed, number)
     duration_s = round(dice.between(0.2 * longest_s, longest_s))
-    beacons = _beacons(dice)
     imu, sigma = _imu(dice, list(IMUS)[number % len(IMUS)])
-    devices = {"imu0": imu, "usbl0": _usbl(dice, list(USBLS)[number % len(USBLS)])}
+    usbl = _usbl(dice, list(USBLS)[(number + number // len(IMUS)) % len(USBLS)])
+    devices = {"imu0": imu, "usbl0": usbl}
+    beacons = _beacons(dice, most=1 if "beacon" in usbl.get("options", {}) else 3)
     data = {
         "seed": (seed * 1_000_003 + number) % 2**32,
         "duration_s": duration_s,
@@ -143,8 +152,8 @@ def _way(dice: Dice) -> Data:
     return common | chosen | {"course_deg": dice.between(0, 360)}
 
 
-def _beacons(dice: Dice) -> Data:
-    """One to three on the ground."""
+def _beacons(dice: Dice, most: int) -> Data:
+    """One or some on the ground."""
     return {
         str(name): {
             "lat_deg": LAT_DEG + dice.between(-60, 60) / 111_000,
@@ -152,7 +161,7 @@ def _beacons(dice: Dice) -> Data:
             "height_m": -dice.between(50, 150),
             "turnaround_ms": dice.one(0.0, 30.0),
         }
-        for name in range(1, dice.whole(1, 3) + 1)
+        for name in range(1, dice.whole(1, most) + 1)
     }
 
 
@@ -183,19 +192,26 @@ def _usbl(dice: Dice, codec: str) -> Data:
         {"type": "udp", "port": 7002},
         {"type": "pty", "symlink": "/tmp/campaign-usbl0", "baud": dice.one(9600, 38400)},
     ]
-    return {
+    noise = {"bearing_deg": angle, "elevation_deg": angle, "range_m": dice.between(0.1, 0.4)}
+    common = {
         "kind": "usbl",
         "codec": codec,
-        "options": dice.one(*USBLS[codec]),
         "port": dice.one(*ports),
-        "clock": {"source": "arrival", "latency_ms": dice.between(50, 800)},
+        "clock": {
+            "source": dice.one("arrival", "device") if codec in TIMED else "arrival",
+            "latency_ms": dice.between(50, 800),
+        },
         "period_s": dice.between(1, 4),
         "lever_arm_m": [dice.between(-2, 2), dice.between(-1, 1), dice.between(0, 2)],
-        "noise": {"bearing_deg": angle, "elevation_deg": angle, "range_m": dice.between(0.1, 0.4)},
         "prior": {"mounting_deg": dice.one(0.0, 0.1, 0.5), "range_scale": dice.one(0.0, 0.002)},
         "outliers": {"probability": dice.one(0.0, 0.0, 0.02, 0.05)},
         "missed_probability": dice.one(0.0, 0.1),
     }
+    chosen = dice.one(*USBLS[codec])
+    if chosen.get("axes") in ("level", "north"):
+        noise |= {"tilt_deg": 0.1, "heading_deg": 0.3}
+        common["prior"] = {"range_scale": common["prior"]["range_scale"]}
+    return common | chosen | {"noise": noise}
 
 
 def _faults(dice: Dice, data: Data) -> list[Data]:

@@ -157,7 +157,7 @@ def run(number: int, data: dict[str, Any], error: str) -> Result:
 
 def _watch(intake: Intake) -> WatchedDecoder:
     """Have a device's decoder watched; all its bytes are of one sender."""
-    watched = WatchedDecoder(intake.senders._make())
+    watched = WatchedDecoder(intake.senders._make)
     intake.senders = Senders(lambda: watched)
     return watched
 

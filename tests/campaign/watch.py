@@ -1,6 +1,6 @@
 """Where each record of a device lay in its bytes: whether all of them became something."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from drivers.codec import Decoder
@@ -14,17 +14,18 @@ class WatchedDecoder:
     Every chunk must have a receive stamp of its own: it tells which chunk a record began in.
     """
 
-    def __init__(self, decoder: Decoder) -> None:
-        self._decoder = decoder
+    def __init__(self, make: Callable[[], Decoder]) -> None:
+        self.make = make
+        self._decoder = make()
         self._ends: dict[int, int] = {}
-        self.total = 0
+        self.data = bytearray()
         self.found: list[tuple[int, int | None]] = []
         """Offset of each record; how long it is if it is rejected bytes."""
 
     def feed(self, data: bytes, t_rx_ns: int) -> Iterator[Record | Rejected]:
-        self.total += len(data)
+        self.data += data
         assert t_rx_ns not in self._ends
-        self._ends[t_rx_ns] = self.total
+        self._ends[t_rx_ns] = len(self.data)
         for record in self._decoder.feed(data, t_rx_ns):
             self._note(record)
             yield record
@@ -91,11 +92,12 @@ class Verdict:
 def judge(name: str, units: Units, watched: WatchedDecoder) -> Verdict:
     """Lay the records over the units."""
     faults = []
-    if units.total != watched.total:
-        faults.append(f"{name}: {units.total} bytes sent, {watched.total} taken")
+    total = len(watched.data)
+    if units.total != total:
+        faults.append(f"{name}: {units.total} bytes sent, {total} taken")
     frames: list[tuple[int, int]] = []
     at, open_frame = 0, None
-    for start, rejected in [*watched.found, (watched.total, 0)]:
+    for start, rejected in [*watched.found, (total, 0)]:
         if open_frame is not None and start > open_frame:
             frames.append((open_frame, start))
             at, open_frame = start, None
@@ -115,11 +117,20 @@ def judge(name: str, units: Units, watched: WatchedDecoder) -> Verdict:
         if fate not in ("whole", "repeated"):
             continue
         whole += 1
+        parts = []
         at = start
         while at in heard and at < end:  # some formats say one sample in two packets
-            at = heard.pop(at)
+            parts.append(at)
+            at = heard[at]
         if at == end:
             decoded += 1
             good.append(number)
+            for part in parts:
+                del heard[part]
+    for start, end in heard.items():
+        alone = watched.make()
+        found = [*alone.feed(bytes(watched.data[start:end]), 0), *alone.close()]
+        if any(isinstance(record, Rejected) for record in found):
+            faults.append(f"{name}: of bytes {start} to {end} some are in no record")
     made = max(good[-3:]) - min(good[:3]) + 1 if good else 0
     return Verdict(decoded, whole - decoded, len(heard), made, faults)

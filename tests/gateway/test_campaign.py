@@ -1,0 +1,96 @@
+"""A few short missions of the campaign, and that it would see what it looks for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers import registry
+from drivers.records import Rejected
+from gateway.emulator.instruments import emissions
+from gateway.emulator.trajectory import Trajectory
+from tests.campaign import mission
+from tests.campaign.draw import IMUS, USBLS
+from tests.campaign.draw import mission as drawn
+from tests.campaign.table import findings, lines
+from tests.campaign.watch import Units, WatchedDecoder, judge
+from tests.gateway.emulated import demo_data, make
+
+SECONDS = 45.0
+EVERY_DAMAGE = [
+    {"fault": fault, "device": device, "at_s": 10.0, "for_s": 30.0, "probability": 0.1}
+    for fault in ("flip", "truncate", "junk", "duplicate", "reorder", "drop")
+    for device in ("imu0", "usbl0")
+]
+
+
+def test_every_inertial_and_acoustic_codec_is_drawn():
+    codecs = [registry.lookup(name) for name in registry.CODECS]
+    assert {c.name for c in codecs if c.kind == "imu"} == set(IMUS)
+    assert {c.name for c in codecs if c.kind == "usbl"} == set(USBLS)
+
+
+@pytest.mark.parametrize("number", [4, 5, 11])
+def test_a_mission_full_of_damage_accounts_for_every_byte(number):
+    data, error = drawn(5, number, SECONDS)
+    data["devices"]["imu0"]["rate_hz"] = 100.0
+    data |= {"faults": EVERY_DAMAGE, "duration_s": SECONDS}
+    result = mission.run(number, data, error)
+    assert findings(result) == []
+    sent = result.devices["imu0"].sent
+    assert min(sent.damaged, sent.dropped, sent.repeated, sent.junk_bytes) > 0
+    assert len(result.z) > 20
+    assert any(line.startswith("all ") for line in lines([result]))
+
+
+def test_a_mission_is_the_same_again_and_far_errors_are_findings():
+    data, error = drawn(5, 0, SECONDS)
+    data |= {"faults": EVERY_DAMAGE, "duration_s": 20.0}
+    result, again = (mission.run(0, data, error) for _ in range(2))
+    np.testing.assert_array_equal(result.z, again.z)
+    assert result.devices == again.devices
+    assert findings(result) == []
+    wrong = replace(result, z=np.vstack([result.z, [0.0, 5.1, 0.0]]))
+    assert len(findings(wrong)) == 1
+
+
+class Forgetful:
+    """A decoder that keeps the tenth of its rejections to itself."""
+
+    def __init__(self, decoder):
+        self._decoder, self._rejected = decoder, 0
+
+    def feed(self, data, t_rx_ns):
+        for record in self._decoder.feed(data, t_rx_ns):
+            self._rejected += isinstance(record, Rejected)
+            if self._rejected != 10:
+                yield record
+
+    def close(self):
+        return self._decoder.close()
+
+
+@pytest.mark.parametrize("forgets", [False, True])
+def test_bytes_that_nobody_tells_of_are_found(forgets):
+    flips = {"fault": "flip", "device": "imu0", "at_s": 0.0, "for_s": 3.0, "probability": 0.2}
+    data = demo_data() | {"duration_s": 3.0, "faults": [flips]}
+    data["devices"] = {"imu0": data["devices"]["imu0"]}
+    scenario = make(data)
+    codec = registry.lookup("kvh1750")
+    made: list[object] = []
+
+    def fresh():
+        """The decoder under test, then those that judge it."""
+        decoder = codec.decoder(codec.options(accel="g"))
+        made.append(decoder)
+        return Forgetful(decoder) if forgets and len(made) == 1 else decoder
+
+    watched = WatchedDecoder(fresh)
+    units = Units()
+    for k, e in enumerate(emissions(scenario, Trajectory(scenario.trajectory, 3.0), 0.0, 1.0)):
+        units.note(e)
+        list(watched.feed(e.data, k))
+    list(watched.close())
+    verdict = judge("imu0", units, watched)
+    assert bool(verdict.faults) is forgets
+    assert verdict.made == 600
