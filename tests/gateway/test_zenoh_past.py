@@ -3,6 +3,8 @@
 from datetime import UTC, datetime
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.outputs.zenoh.past import Past, time_range
 
@@ -72,3 +74,31 @@ def test_what_is_no_range(text: str, said: str) -> None:
     with pytest.raises(ValueError, match="is n") as error:
         time_range(text, NOW)
     assert str(error.value).startswith(said)
+
+
+PARTS = [
+    "[",
+    "]",
+    "..",
+    ";",
+    "now(",
+    ")",
+    "-",
+    "2m",
+    "1.5h",
+    "9" * 400,
+    "w",
+    "2026-05-01",
+    "T12:00Z",
+]
+
+
+@given(st.lists(st.sampled_from(PARTS), max_size=8).map("".join))
+def test_any_text_is_a_range_or_one_clear_line(text: str) -> None:
+    try:
+        first, last = time_range(text, NOW)
+    except ValueError as error:
+        assert "\n" not in str(error)
+    else:
+        assert isinstance(first, int)
+        assert isinstance(last, int)

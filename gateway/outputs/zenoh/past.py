@@ -15,7 +15,7 @@ _UNITS_S = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.
 _RANGE = re.compile(
     r"(?P<open>[\[\]])(?P<first>.*?)(?:\.\.(?P<last>.*)|;(?P<length>.*))(?P<close>[\[\]])"
 )
-_DURATION = re.compile(r"(?P<number>[-+]?\d+(?:\.\d+)?)(?P<unit>u|ms|[smhdw])")
+_DURATION = re.compile(r"(?P<number>[-+]?\d{1,12}(?:\.\d{1,12})?)(?P<unit>u|ms|[smhdw])")
 _NOW = re.compile(r"now\((?P<offset>[^)]*)\)")
 
 
