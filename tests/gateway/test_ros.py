@@ -166,6 +166,7 @@ def device(silent_s: float | None, up: bool) -> DeviceReport:
     return DeviceReport(
         kind="imu",
         codec="kvh1750",
+        line="imu0",
         silent_s=silent_s,
         records=7,
         rejected={"length": 2},
