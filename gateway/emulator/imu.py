@@ -9,6 +9,7 @@ from drivers import registry
 from drivers.imu.anpp import AnppOptions
 from drivers.records import ImuRecord
 from gateway.emulator.faults.clocks import ImuClock
+from gateway.emulator.faults.inertial import saturated
 from gateway.emulator.leaving import Leaving, tells_age
 from gateway.emulator.scenario import ImuModel, Scenario, codec_options
 from gateway.emulator.sensors import ImuSensor, increments
@@ -51,6 +52,7 @@ def imu_stream(
         t_end = np.asarray((k + 1) * dt, dtype=np.float64)
         exact = increments(trajectory, t_end, dt).reshape(-1, 2, 3) @ C_bs
         sensed, within = sensor.sense(exact.reshape(-1, 6))
+        sensed, within = saturated(scenario, name, t_end, dt, sensed, within)
         leaves = leaving.at(t_end)
         stamps = zip(t_end.tolist(), *clock.tell(t_end), strict=True)
         rows = zip(sensed.tolist(), within.tolist(), strict=True)

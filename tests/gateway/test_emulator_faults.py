@@ -11,11 +11,13 @@ from drivers import registry
 from gateway.emulator import twin
 from gateway.emulator.faults.clocks import ImuClock
 from gateway.emulator.faults.wire import faulty
+from gateway.emulator.instruments import emissions
 from gateway.emulator.ledger import Sent
 from gateway.emulator.player import emulate
 from gateway.emulator.ports import Plug
 from gateway.emulator.scenario import TcpServerPort
 from gateway.emulator.streams import Emission
+from gateway.emulator.trajectory import Trajectory
 from gateway.errors import ConfigError
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.test_emulator_player import SILENT, free_udp, packets
@@ -244,3 +246,19 @@ def test_where_the_counter_is_a_clock_it_drifts():
     assert np.diff(numbers)[:5].tolist() == [20, 20, 20, 20, 20]
     assert numbers[-1] == round(60.0 * 1.0001 * 2000 - 1) % 256
     assert t[-1] == 60.0
+
+
+def test_shaken_beyond_its_range_an_imu_says_the_end_of_it():
+    narrow = {"fault": "saturation", "device": "imu0", "at_s": 2.0, "for_s": 1.0}
+    narrow |= {"rate_deg_s": 500.0, "accel_g": 0.5}
+    data = demo_data() | {"duration_s": 4.0, "faults": [narrow]}
+    data["devices"] = {"imu0": data["devices"]["imu0"]}
+    scenario = make(data)
+    codec = registry.lookup("kvh1750")
+    decoder = codec.decoder(codec.options(accel="g"))
+    way = Trajectory(scenario.trajectory, 4.0)
+    records = [r for e in emissions(scenario, way, 0.0, 1.0) for r in decoder.feed(e.data, 0)]
+    down = np.array([r.specific_force_m_s2[2] for r in records])
+    struck = np.isclose(down, -0.5 * 9.80665, rtol=1e-6)
+    assert np.flatnonzero(struck).tolist() == list(range(399, 599))
+    assert [r.valid for r in records] == (~struck).tolist()

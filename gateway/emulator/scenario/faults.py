@@ -104,6 +104,13 @@ class ClockWrap(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="cl
     """The device's number and time turn over at ``at_s``, where the format lets them."""
 
 
+class Saturation(_OfDevice, frozen=True, kw_only=True, tag_field="fault", tag="saturation"):
+    """An IMU's ranges are so narrow: what is beyond is cut, and marked where the format can."""
+
+    rate_deg_s: Positive
+    accel_g: Positive
+
+
 class Multipath(_OfFrames, frozen=True, kw_only=True, tag_field="fault", tag="multipath"):
     """Sound reaches the device by other ways, as far off as its ``outliers`` say."""
 
@@ -130,4 +137,4 @@ Garbling = Flip | Truncate | Junk | Duplicate | Reorder | Drop
 WireFault = Garbling | Burst | Delay | Jitter | Unplug | PowerCycle
 ClockFault = ClockDrift | ClockStep | ClockWrap
 SoundFault = Multipath | BeaconDead | BeaconMoved
-AnyFault = WireFault | ClockFault | SoundFault
+AnyFault = WireFault | ClockFault | SoundFault | Saturation
