@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import theilslopes
@@ -21,6 +21,8 @@ WARM_S = 60.0
 """Memory of the first minute of a run is not of its slope."""
 SLOPE_S = 240.0
 """Less time tells no slope."""
+BOUND = 5.0
+"""Errors of so many sigma are no chance."""
 COMPONENTS = ("north", "east", "down", "heading")
 
 
@@ -34,6 +36,8 @@ class Errors:
     squares_m2: float = 0.0
     worst_m: float = 0.0
     worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(COMPONENTS, 0.0))
+    beyond: list[tuple[float, str, float]] = field(default_factory=list)
+    """Unix time, component and ratio of the errors beyond the bound."""
     modes: Counter[str] = field(default_factory=Counter)
 
     def take(self, nav: NavReport, truth: TruthFile) -> None:
@@ -55,6 +59,8 @@ class Errors:
         self.worst_m = max(self.worst_m, math.hypot(north, east))
         for name, ratio in zip(COMPONENTS, ratios, strict=True):
             self.worst[name] = max(self.worst[name], ratio)
+            if ratio > BOUND:
+                self.beyond.append((nav.t_s, name, ratio))
 
 
 @dataclass
@@ -77,6 +83,14 @@ class Run:
         return float(theilslopes(mb[warm], t[warm]).slope) * 3600.0
 
 
+class Event(NamedTuple):
+    """What was done, when (Unix s), and how long until the position was true again (s)."""
+
+    what: str
+    t_s: float
+    back_s: float | None
+
+
 @dataclass
 class Figures:
     """Everything for the table."""
@@ -84,8 +98,7 @@ class Figures:
     seconds: float = 0.0
     errors: Errors = field(default_factory=Errors)
     runs: list[Run] = field(default_factory=list)
-    events: list[tuple[str, float | None]] = field(default_factory=list)
-    """What was done, and how long until the position was true again (s)."""
+    events: list[Event] = field(default_factory=list)
     carried: dict[str, Carried] = field(default_factory=dict)
     emulated: dict[str, Any] = field(default_factory=dict)
 
@@ -111,9 +124,17 @@ class Figures:
             if self.unexplained(name) or self.unsent(name):
                 lost = self.unexplained(name) + self.unsent(name)
                 yield f"{name}: {lost} bytes are accounted for nowhere"
-        for what, back_s in self.events:
-            if back_s is None:
-                yield f"{what}: no true position afterwards"
+        for event in self.events:
+            if event.back_s is None:
+                yield f"{event.what}: no true position afterwards"
+        if self.errors.beyond:
+            t_s, name, ratio = self.errors.beyond[0]
+            before = [event for event in self.events if event.t_s < t_s]
+            after = f", {t_s - before[-1].t_s:.1f} s after: {before[-1].what}" if before else ""
+            yield (
+                f"{len(self.errors.beyond)} errors beyond {BOUND:g} sigma; the first of {ratio:.1f}"
+                f" ({name}) at {t_s:.1f}{after}"
+            )
 
 
 def memory_mb(pids: Sequence[int]) -> float:

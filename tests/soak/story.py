@@ -16,7 +16,7 @@ import pytest
 from gateway.modes import Mode
 from tests.integration.cables import Cable, PtyEnd, UdpEnd
 from tests.integration.rig import Rig, brisk, session
-from tests.soak.figures import Figures, Run, memory_mb
+from tests.soak.figures import Event, Figures, Run, memory_mb
 
 FAULTS: list[dict[str, Any]] = [
     {"fault": "flip", "device": "imu0", "per_hour": 120, "bits": 3},
@@ -123,14 +123,14 @@ class Soak:
     async def _recover(self, what: str) -> None:
         """Note how long it takes until a position is true again."""
         self._sample()
-        begun = time.monotonic()
+        begun, begun_unix = time.monotonic(), time.time()
+        back_s: float | None = None
         try:
             await self._rig.until("a true position", self._is_true, BACK_WITHIN_S)
+            back_s = time.monotonic() - begun
         except pytest.fail.Exception:
             print(f"{what}: {self._rig.navs[-1:]}", *self._rig.log[-10:], sep="\n  ")
-            self.figures.events.append((what, None))
-        else:
-            self.figures.events.append((what, time.monotonic() - begun))
+        self.figures.events.append(Event(what, begun_unix, back_s))
 
     def _is_true(self) -> bool:
         """Whether the last word is an aided position, true to 2 m or by what it says of itself."""

@@ -44,8 +44,8 @@ def _bytes(figures: Figures) -> Iterator[str]:
 
 def _events(figures: Figures) -> Iterator[str]:
     yield ""
-    for what in dict.fromkeys(what for what, _ in figures.events):
-        back = [back_s for event, back_s in figures.events if event == what]
+    for what in dict.fromkeys(event.what for event in figures.events):
+        back = [event.back_s for event in figures.events if event.what == what]
         took = [back_s for back_s in back if back_s is not None]
         told = "never true again"
         if took:
