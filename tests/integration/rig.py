@@ -28,6 +28,7 @@ from tests.shared_data import ROOT
 
 T = TypeVar("T")
 USBLNAV = (sys.executable, "-m", "gateway")
+ROS = {"origin": {"lat_deg": 39.8, "lon_deg": 116.2}}
 END_S = 2.0
 """How long SIGTERM may take, as promised."""
 
@@ -93,7 +94,7 @@ class Rig:
                 "sentences": ["GGA", "RMC"],
                 "rate_hz": 10,
             },
-            {"type": "zenoh", "mode": "peer", "listen": [self.endpoint]},
+            {"type": "zenoh", "mode": "peer", "listen": [self.endpoint], "ros": ROS},
         ]
         self.config, self.scenario = config, scenario
         self.config_file, self.scenario_file = folder / "config.yaml", folder / "scenario.yaml"
