@@ -55,15 +55,15 @@ def way_of(track: Track, duration_s: float) -> Way:
     if isinstance(track, Waypoints):
         return _past(track, duration_s)
     lat, lon = np.deg2rad([track.lat_deg, track.lon_deg])
-    pace: Smooth = _pace(track.speed_m_s, track.ramp_s)
-    depth: Smooth = Ramps(0.0)
+    depth: Smooth
     match track:
         case Spiral():
             depth = _descent(track)
         case Transit():
-            depth, pace = _dive(track), _there(track)
+            depth = _dive(track)
         case _:
             depth = Ramps(track.descent)
+    pace = _there(track) if isinstance(track, Transit) else _pace(track.speed_m_s, track.ramp_s)
     r0_e = earth.lla_to_ecef(lat, lon, track.height_m)
     return Way(r0_e, earth.C_en(lat, lon), _route(track, duration_s), depth, pace)
 
@@ -104,18 +104,17 @@ def _dive(track: Transit) -> Steps:
     if track.cruise_height_m is None:
         return Steps([0.0], [0.0])
     down = track.height_m - track.cruise_height_m
-    if 2.0 * track.dive_m > track.distance_m:
-        raise ValueError("dive_m: more than half of distance_m")
+    if 2.0 * track.dive_m >= track.distance_m:
+        raise ValueError("dive_m: expected less than half of distance_m")
     knots = [0.0, track.dive_m, track.distance_m - track.dive_m, track.distance_m]
-    knots[2] += 1e-9 * (knots[2] == knots[1])
     return Steps(knots, [0.0, down, down, 0.0])
 
 
 def _there(track: Transit) -> Ramps:
     """From rest to the speed, and to rest where the distance ends."""
     speed, ramp = track.speed_m_s, track.ramp_s
-    if speed <= 0.0 or ramp <= 0.0:
-        raise ValueError(f"{'speed_m_s' if speed <= 0.0 else 'ramp_s'}: expected a number > 0")
+    if speed <= 0.0:
+        raise ValueError("speed_m_s: expected a number > 0")
     arrive = track.wait_s + track.distance_m / speed
     if arrive < track.wait_s + ramp:
         raise ValueError(f"distance_m: less than it takes to reach {speed:g} m/s and to stop")

@@ -89,6 +89,8 @@ def _with_waypoints(scenario: Scenario, folder: Path, faults: list[str]) -> Scen
     """The scenario with the points of its file, and whether a way leads past them."""
     track, found = scenario.trajectory, list[str]()
     if isinstance(track, Waypoints) and track.file is not None:
+        if track.points:
+            found.append("points: there is a file as well")
         points = read_waypoints(folder / track.file, scenario.surface_height_m, found)
         track = msgspec.structs.replace(track, file=None, points=points)
     if not found:

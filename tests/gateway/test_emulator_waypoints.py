@@ -72,6 +72,12 @@ def test_faults_name_file_and_line(tmp_path: Path, text: str | None, fault: str)
     assert any(line.startswith(wanted) for line in caught.value.faults), caught.value.faults
 
 
+def test_a_file_and_points_are_one_too_many(tmp_path: Path) -> None:
+    point = {"lat_deg": 39.8, "lon_deg": 116.2, "speed_m_s": 1.0}
+    with pytest.raises(ConfigError, match="points: there is a file as well"):
+        load(tmp_path, DIVE, points=[point])
+
+
 def test_back_on_its_own_track_is_too_sharp(tmp_path: Path) -> None:
     back = DIVE.replace("39.8010, 116.2020", "39.8001, 116.2000")
     with pytest.raises(
@@ -86,7 +92,7 @@ def test_back_on_its_own_track_is_too_sharp(tmp_path: Path) -> None:
         ({"distance_m": 50.0}, "distance_m: less than it takes to reach 3 m/s and to stop"),
         (
             {"distance_m": 150.0, "cruise_height_m": -9.0},
-            "dive_m: more than half of distance_m",
+            "dive_m: expected less than half of distance_m",
         ),
         ({"distance_m": 150.0, "speed_m_s": 0}, "speed_m_s: expected a number > 0"),
     ],
