@@ -1,6 +1,6 @@
 """Fixes that a topside has levelled, turned north or placed: the filter claims the errors it has.
 
-The long form, 50 runs of each definition: ``pytest -m slow tests/consistency/test_topside.py``.
+The long form, 100 runs of each definition: ``pytest -m slow tests/consistency/test_topside.py``.
 """
 
 import pytest
@@ -30,8 +30,8 @@ def test_a_filter_that_takes_the_sensor_for_three_times_as_bad_is_found_out():
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("error", NAMES)
 @pytest.mark.parametrize(("words", "follows"), BY_ITSELF + BY_US)
-def test_every_definition_is_consistent_over_fifty_runs(words, follows, error):
+def test_every_definition_is_consistent_over_a_hundred_runs(words, follows, error):
     found = statistics(
-        [run(seed, words, error, follows) for seed in range(1000, 1050)], judged_s=JUDGED_S
+        [run(seed, words, error, follows) for seed in range(1000, 1100)], judged_s=JUDGED_S
     )
     assert report(found) == []
