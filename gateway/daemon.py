@@ -24,11 +24,14 @@ from gateway.messages import (
     Innovation,
     NavSolution,
     SavedState,
+    TargetSighting,
 )
 from gateway.outputs.feeds import Feed, open_feed
+from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.recording.host import Recorder
 from gateway.supervise import Alive, keep_running
+from gateway.targets import Targets
 from gateway.utc import UtcHistory
 
 MIN_SOLUTION_RATE_HZ = 10.0
@@ -78,6 +81,7 @@ class _Daemon:
         self._keeper = None if path is None else statefile.Keeper(path, config)
         self._host = FilterHost(config, rate_hz, self._on_output, resume, begun)
         self._utc = UtcHistory()
+        self._targets = Targets(config.targets)
         self._recorder: Recorder | None = None
         if config.recording is not None:
             self._recorder = Recorder(config.recording, config, rate_hz, resume)
@@ -94,9 +98,12 @@ class _Daemon:
         async with AsyncExitStack() as stack:
             if self._keeper is not None:
                 stack.callback(self._keeper.close)
+            names = [target.name for target in self._config.targets.values()]
             # Zenoh first: handed over at once, it is on its way while sentences are written.
             for output in sorted(self._outputs, key=lambda o: isinstance(o, NmeaOutput)):
-                feed = await stack.enter_async_context(open_feed(output, self._config.vehicle))
+                feed = await stack.enter_async_context(
+                    open_feed(output, self._config.vehicle, names)
+                )
                 self._feeds.append(feed)
             if self._recorder is not None:
                 self._feeds.append(self._recorder)
@@ -184,6 +191,10 @@ class _Daemon:
             for feed in self._feeds:
                 if feed.nav(nav):
                     passage.published(feed.name, time.monotonic_ns())
+            for followed in self._targets.due(output.t_ns):
+                target = target_report(followed, nav)
+                for feed in self._feeds:
+                    feed.target(target, nav)
             self._health.solved(nav)
         elif isinstance(output, Innovation):
             innovation = innovation_report(output, offset_ns)
@@ -193,6 +204,8 @@ class _Daemon:
             calibration = calibration_report(output, offset_ns)
             for feed in self._feeds:
                 feed.calibration(calibration)
+        elif isinstance(output, TargetSighting):
+            self._targets.take(output)
         elif isinstance(output, FilterCounts):
             self._health.totals = output
         elif isinstance(output, SavedState):

@@ -22,12 +22,15 @@ from gateway.messages import (
     Innovation,
     Measurement,
     NavSolution,
+    TargetSighting,
 )
 from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
+from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.progress import Tell, nobody
 from gateway.recording.events import Pulse
+from gateway.targets import Targets
 from gateway.traffic import Traffic, open_traffic
 
 CHUNKS_PER_BLOCK = 64
@@ -121,6 +124,7 @@ class _Run:
         self._config = config
         self._files = files
         self._traffic = traffic
+        self._targets = Targets(traffic.config.targets)
         self._pass = SmoothedPass(*how, tell) if smooth else ForwardPass(*how)
         self._smooth = smooth
         self._calibration: Calibration | None = None
@@ -163,7 +167,12 @@ class _Run:
         offset_ns = self._traffic.utc.at(output.t_ns)
         if isinstance(output, NavSolution):
             self._solution = output
-            self._files.nav(nav_report(output, offset_ns))
+            nav = nav_report(output, offset_ns)
+            self._files.nav(nav)
+            for followed in self._targets.due(output.t_ns):
+                self._files.target(target_report(followed, nav))
+        elif isinstance(output, TargetSighting):
+            self._targets.take(output)
         elif isinstance(output, Innovation):
             if output.accepted and math.isfinite(output.nis):
                 self._nis.append((output.nis, len(output.components)))

@@ -5,19 +5,21 @@ again, so that the track does not depend on the order of arrival.  # (M.173)-(M.
 """
 
 from bisect import insort
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
 
-from gateway.fusion.kalman import normalised_square
+from gateway.config import Target
 from gateway.messages import TargetSighting, Vec3
 from gateway.nav.earth import C_en, ecef_to_lla, lla_to_ecef
 
 Array = NDArray[np.float64]
 
-GATE = 0.999
+SECOND_NS = 1_000_000_000
+GATE = 16.266
+"""99.9 % of chi-squared of three degrees of freedom."""
 LOCK_OUT = 3
 """Refused in a row, and near each other, they are right and the track is wrong."""
 KEPT_S = 60.0
@@ -76,6 +78,48 @@ class _Seen:
     R: Array
 
 
+@dataclass(frozen=True)
+class Followed:
+    """One target at a moment; ``place`` is None before the first sighting."""
+
+    number: int
+    beacon: str
+    block: Target
+    place: TrackedPlace | None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it has not been seen for too long."""
+        return self.place is None or self.place.age_s > self.block.max_age_s
+
+
+class Targets:
+    """All targets of a configuration, numbered from 1 in its order."""
+
+    def __init__(self, targets: Mapping[str, Target]) -> None:
+        self._blocks = targets
+        self._tracks = {
+            address: Track(Motion(block.acceleration_m_s2, block.max_age_s))
+            for address, block in targets.items()
+        }
+        self._second: int | None = None
+
+    def take(self, found: TargetSighting) -> None:
+        """Take a sighting."""
+        self._tracks[found.beacon].take(found)
+
+    def due(self, t_ns: int) -> list[Followed]:
+        """All that were ever seen, at the first moment asked for of each second; else nothing."""
+        before, self._second = self._second, t_ns // SECOND_NS
+        if before == self._second:
+            return []
+        followed = [
+            Followed(number, address, block, self._tracks[address].at(t_ns))
+            for number, (address, block) in enumerate(self._blocks.items(), 1)
+        ]
+        return [one for one in followed if one.place is not None]
+
+
 class Track:
     """One target."""
 
@@ -86,7 +130,6 @@ class Track:
         self._seen: list[_Seen] = []
         self._before: _State | None = None  # the state before the first that is kept
         self._now: _State | None = None
-        self.used = self.refused = 0
 
     def take(self, found: TargetSighting) -> bool:
         """Take a sighting, in any order; whether it was in time to be worked in."""
@@ -114,10 +157,6 @@ class Track:
             t_ns, float(lat), float(lon), float(h), (north, east, down), state.P, age_s
         )
 
-    def is_lost(self, t_ns: int) -> bool:
-        """Whether it has not been seen for too long."""
-        return self._now is None or (t_ns - self._now.used_ns) * 1e-9 > self._motion.max_age_s
-
     def _settle(self, horizon_ns: int) -> None:
         """Work in for good what is so old that nothing older will come."""
         settled = [one for one in self._seen if one.t_ns < horizon_ns]
@@ -140,7 +179,7 @@ class Track:
         state = self._carried(state, one.t_ns)
         S = state.P[:3, :3] + one.R
         residual = one.place - state.x[:3]
-        if normalised_square(residual, S) > scipy.special.chdtri(3, 1.0 - GATE):
+        if residual @ np.linalg.solve(S, residual) > GATE:
             state.refused.append(one.place)
             return _begun(one) if _agree(state.refused, one.R) else state
         K = np.linalg.solve(S, state.P[:3]).T

@@ -294,10 +294,14 @@ class Initial(_Block, frozen=True, kw_only=True):
 
 Sentence = Literal[
     "GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA",
-    "GST", "GBS", "GSA", "DPT", "DBT", "DBS", "PUNAV",
+    "GST", "GBS", "GSA", "DPT", "DBT", "DBS", "TLL", "TTM", "PUNAV",
 ]  # fmt: skip
 DEPTH_SENTENCES: tuple[Sentence, ...] = ("DPT", "DBT", "DBS")
 """They tell the vehicle's own depth below the surface."""
+TARGET_SENTENCES: tuple[Sentence, ...] = ("TLL", "TTM")
+"""They tell of everything that is followed."""
+OWN_SENTENCES: tuple[Sentence, ...] = ("HDT", "THS", "PUNAV", *TARGET_SENTENCES)
+"""They tell what of a target is not known."""
 
 
 class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
@@ -317,6 +321,8 @@ class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
     talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
     surface_height_m: float | None = None
     """Of the water's surface above the ellipsoid (geoid and tide), for sentences with a depth."""
+    target: Name | None = None
+    """Name of a target of which the sentences speak as if it were the vessel; once a second."""
 
 
 Output = NmeaOutput | ZenohOutput

@@ -14,6 +14,7 @@ from drivers import registry
 from drivers.settings import PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import (
     DEPTH_SENTENCES,
+    OWN_SENTENCES,
     Config,
     Device,
     GnssDevice,
@@ -26,7 +27,7 @@ from gateway.config.blocks import (
 )
 from gateway.config.lines import line_faults, shares_line, sharing_faults
 from gateway.config.zenoh import ZenohOutput
-from gateway.schema import build, known
+from gateway.schema import build, known, suggest
 
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
@@ -98,6 +99,22 @@ def _beacons(config: Config) -> Iterator[str]:
                     place = f"devices.{name}.beacons[{n}]"
                     yield f'{place}: "{beacon}" is a target; ranges need a place'
     yield from _names_of_targets(config)
+
+
+def _outputs_of_targets(config: Config) -> Iterator[str]:
+    """What is to speak of a target needs one, and sentences that a target has."""
+    if not known(config.outputs, config.beacons):
+        return
+    names = [target.name for target in config.targets.values()]
+    for n, output in enumerate(config.outputs):
+        if not isinstance(output, NmeaOutput) or not known(output.target, output.sentences):
+            continue
+        if output.target is not None and output.target not in names:
+            unknown = f"no target is called {output.target}; {suggest(output.target, names)}"
+            yield f"outputs[{n}].target: {unknown}"
+        unfit = [name for name in output.sentences if name in OWN_SENTENCES]
+        if output.target is not None and unfit:
+            yield f"outputs[{n}].sentences: {', '.join(unfit)} cannot be said of a target"
 
 
 def _names_of_targets(config: Config) -> Iterator[str]:
@@ -400,6 +417,7 @@ _CHECKS = (
     line_faults,
     _zenoh,
     _depths,
+    _outputs_of_targets,
     _pulses,
     _array,
     _recording,

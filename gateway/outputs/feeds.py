@@ -2,15 +2,20 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Protocol
 
 import msgspec
 
 from gateway.config import NmeaOutput, Output, ZenohOutput
-from gateway.outputs import nmea
-from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
+from gateway.outputs import nmea, nmea_targets
+from gateway.outputs.schema import (
+    CalibrationReport,
+    InnovationReport,
+    NavReport,
+    TargetReport,
+)
 from gateway.outputs.sinks import Sink, SinkStatus, open_sink
 
 STALE_S = 1.5
@@ -37,6 +42,10 @@ class Feed(Protocol):
         """Take the estimated constants."""
         ...
 
+    def target(self, report: TargetReport, own: NavReport) -> None:
+        """Take where a target is, and our own solution of the same moment."""
+        ...
+
     def health(self, report: msgspec.Struct) -> None:
         """Take the daemon's status."""
         ...
@@ -51,15 +60,17 @@ class Feed(Protocol):
 
 
 @asynccontextmanager
-async def open_feed(output: Output, vehicle: str) -> AsyncIterator[Feed]:
-    """Open a configured output for as long as the body runs."""
+async def open_feed(
+    output: Output, vehicle: str, targets: Sequence[str] = ()
+) -> AsyncIterator[Feed]:
+    """Open a configured output for as long as the body runs; `targets` are names."""
     if isinstance(output, NmeaOutput):
         async with open_sink(output.link) as sink:
-            yield _NmeaFeed(output, sink)
+            yield _NmeaFeed(output, sink) if output.target is None else _TargetFeed(output, sink)
     else:
         from gateway.outputs.zenoh import open_publisher  # zenoh only where it is asked for
 
-        async with open_publisher(output, vehicle) as publisher:
+        async with open_publisher(output, vehicle, targets) as publisher:
             yield _ZenohFeed(output, publisher)
 
 
@@ -92,6 +103,10 @@ class _NmeaFeed:
         return self._sink.name
 
     def nav(self, report: NavReport) -> bool:
+        return self._take(report)
+
+    def _take(self, report: NavReport) -> bool:
+        """Send a solution if it is due."""
         self._heard = time.monotonic()
         age_s = (time.time_ns() - report.utc_ns) * 1e-9
         # Of the time for which "no solution" was said nothing else is said later.
@@ -105,6 +120,11 @@ class _NmeaFeed:
 
     def calibration(self, report: CalibrationReport) -> None:
         """NMEA has no word for it."""
+
+    def target(self, report: TargetReport, own: NavReport) -> None:
+        sentences = nmea_targets.write(report, own, self._settings.sentences, self._settings.talker)
+        if sentences:
+            self._sink.send(sentences)
 
     def health(self, report: msgspec.Struct) -> None:
         """NMEA has no word for it."""
@@ -139,6 +159,19 @@ class _NmeaFeed:
         self._sink.send(nmea.epoch(report, utc_ns, s.sentences, s.talker, s.surface_height_m))
 
 
+class _TargetFeed(_NmeaFeed):
+    """Sentences of a target, as if it were the vessel."""
+
+    def nav(self, report: NavReport) -> bool:
+        """It is not of us that this speaks."""
+        return False
+
+    def target(self, report: TargetReport, own: NavReport) -> None:
+        vessel = nmea_targets.as_vessel(report)
+        if report.name == self._settings.target and vessel is not None:
+            self._take(vessel)
+
+
 class _Publisher(Protocol):
     name: str
 
@@ -169,6 +202,9 @@ class _ZenohFeed:
 
     def calibration(self, report: CalibrationReport) -> None:
         self._publisher.publish("calibration", report)
+
+    def target(self, report: TargetReport, own: NavReport) -> None:
+        self._publisher.publish(f"target/{report.name}", report)
 
     def health(self, report: msgspec.Struct) -> None:
         self._publisher.publish("status", report)

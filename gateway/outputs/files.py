@@ -14,7 +14,7 @@ import msgspec
 import yaml
 
 from gateway.errors import UsblnavError
-from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
+from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 
 NAV_DECIMALS = {
     "lat_deg": 10,
@@ -40,6 +40,15 @@ NAV_DECIMALS = {
 NAV_HEADER = ",".join(("t_s", *NAV_DECIMALS, "mode"))
 INNOVATION_HEADER = "t_s,device,beacon,component,value,sigma,nis,accepted,reason"
 CALIBRATION_HEADER = "t_s,name,value,sigma"
+TARGET_DECIMALS = {
+    "age_s": 3,
+    **{name: NAV_DECIMALS[name] for name in list(NAV_DECIMALS)[:6]},
+    **{name: NAV_DECIMALS[name] for name in list(NAV_DECIMALS)[9:15]},
+    "bearing_deg": 4,
+    "range_m": 4,
+}
+"""The columns of targets.csv behind time, name and state, each a field of `TargetReport`."""
+TARGET_HEADER = ",".join(("t_s", "name", "state", *TARGET_DECIMALS))
 RESIDUAL_HEADER = "t_s,device,beacon,component,before,after,sigma"
 
 
@@ -59,6 +68,7 @@ class ReplayFiles:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._targets: _Table | None = None
 
     def __enter__(self) -> "ReplayFiles":
         with _naming(self._folder):
@@ -93,6 +103,13 @@ class ReplayFiles:
         time = seconds(report.utc_ns)
         for name, c in report.constants.items():
             self._calibration.add([time, name, f"{c.value:.9f}", f"{c.sigma:.9f}"])
+
+    def target(self, report: TargetReport) -> None:
+        """Add a row to targets.csv, which is there only where something is followed."""
+        if self._targets is None:
+            self._targets = self._table(self._stack, "targets.csv", TARGET_HEADER)
+        row = [f"{getattr(report, name):.{d}f}" for name, d in TARGET_DECIMALS.items()]
+        self._targets.add([seconds(report.utc_ns), report.name, report.state, *row])
 
     def residual(self, utc_ns: int, source: Sequence[str], numbers: Sequence[float]) -> None:
         """Add a row to residuals.csv: device, beacon, component; before, after, sigma."""

@@ -97,7 +97,7 @@ def epoch(
     utc_ns
         Unix time to send where there is no report (ns); a report carries its own.
     sentences
-        Names as in the configuration, sent in this order.
+        Names as in the configuration, sent in this order; those of targets are not of this moment.
     talker
         Two letters in front of each standard sentence.
     surface_height_m
@@ -106,7 +106,7 @@ def epoch(
     data = _prepare(report, utc_ns, surface_height_m)
     parts = []
     for name in sentences:
-        fields = _WRITERS[name](data)
+        fields = _WRITERS[name](data) if name in _WRITERS else None
         if fields is not None:
             parts.append(sentence(name if name == "PUNAV" else talker + name, fields))
     return b"".join(parts)

@@ -6,6 +6,7 @@ the caller measured once for the whole message, so that two outputs never disagr
 """
 
 import math
+from typing import Literal
 
 import msgspec
 
@@ -87,6 +88,40 @@ class CalibrationReport(msgspec.Struct, frozen=True):
     utc_ns: int
     t_s: float
     constants: dict[str, ConstantReport]
+
+
+class TargetReport(msgspec.Struct, frozen=True):
+    """Where something is that the array follows, and how it lies from us.
+
+    ``state`` is ``coasting`` once a third of the patience is over without a fix, and ``lost`` after
+    all of it: the place is then no more than where it would be if nothing had changed.
+    ``bearing_deg`` is from true north, ``range_m`` horizontal, both from our own place.
+    """
+
+    utc_ns: int
+    t_s: float
+    number: int
+    name: str
+    beacon: str
+    state: Literal["tracked", "coasting", "lost"]
+    age_s: float
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    vn_m_s: float
+    ve_m_s: float
+    vd_m_s: float
+    sd_n_m: float
+    sd_e_m: float
+    sd_d_m: float
+    sd_vn_m_s: float
+    sd_ve_m_s: float
+    sd_vd_m_s: float
+    ellipse_major_m: float
+    ellipse_minor_m: float
+    ellipse_deg: float
+    bearing_deg: float
+    range_m: float
 
 
 def nav_report(solution: NavSolution, utc_minus_monotonic_ns: int) -> NavReport:

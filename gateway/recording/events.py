@@ -8,7 +8,7 @@ from gateway.config import Config, Recording
 from gateway.messages import SavedState
 from gateway.utc import UtcSample
 
-Topic = Literal["nav", "innovation", "calibration", "status"]
+Topic = Literal["nav", "innovation", "calibration", "target", "status"]
 
 
 class Raw(msgspec.Struct, frozen=True, tag="raw"):

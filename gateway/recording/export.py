@@ -9,7 +9,7 @@ import msgspec
 from drivers.capture.files import CaptureError
 from gateway.errors import UsblnavError
 from gateway.outputs.files import ReplayFiles
-from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
+from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 from gateway.recording.events import Report
 from gateway.recording.reader import RecordedRun
 
@@ -47,5 +47,7 @@ def _write(files: ReplayFiles, report: Report) -> None:
             files.innovation(msgspec.json.decode(report.data, type=InnovationReport))
         case "calibration":
             files.calibration(msgspec.json.decode(report.data, type=CalibrationReport))
+        case "target":
+            files.target(msgspec.json.decode(report.data, type=TargetReport))
         case "status":
             pass

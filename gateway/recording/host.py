@@ -18,7 +18,7 @@ from gateway.filter_process.channel import MAX_MESSAGE, pair
 from gateway.filter_process.launcher import ending
 from gateway.health import HealthReport
 from gateway.messages import SavedState
-from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport
+from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import ordinary
 from gateway.recording.events import (
@@ -55,6 +55,7 @@ TYPES: dict[Topic, type[msgspec.Struct]] = {
     "nav": NavReport,
     "innovation": InnovationReport,
     "calibration": CalibrationReport,
+    "target": TargetReport,
     "status": HealthReport,
 }
 
@@ -145,6 +146,10 @@ class Recorder:
         """Take a solution; that is no publication."""
         self._report("nav", report.utc_ns, report)
         return False
+
+    def target(self, report: TargetReport, own: NavReport) -> None:
+        """Take where a target is."""
+        self._report("target", report.utc_ns, report)
 
     def innovation(self, report: InnovationReport) -> None:
         """Take the verdict on a fix."""

@@ -25,6 +25,7 @@ def device(**changes: Any) -> DeviceReport:
     clock = ClockReport("sequence", "locked", 1.0, 3.0, 0.02, 0.1)
     report = DeviceReport(
         kind="imu",
+        line="imu0",
         codec="kvh1750",
         silent_s=0.0,
         bytes=720_000,

@@ -109,7 +109,7 @@ initial.sigma.position_m[2]: expected a number >= 0, got -1
 filter.couplign: unknown key; did you mean coupling?
 outputs[1].link.port: expected an integer from 1 to 65535, got 0
 outputs[1].sentences[1]: expected one of DBS, DBT, DPT, GBS, GGA, GLL, GSA, GST, HDT, \
-PUNAV, RMC, THS, VTG, ZDA, got "GSV"
+PUNAV, RMC, THS, TLL, TTM, VTG, ZDA, got "GSV"
 devices.imu0.codec: no codec is called "kvh1751"; did you mean kvh1750?
 beacons: missing; devices.usbl0 needs at least one
 """.splitlines()

@@ -1,11 +1,13 @@
 """Tracks: the truth within their sigmas, in any order of arrival, through outliers and silence."""
 
+import msgspec
 import numpy as np
 import pytest
 
+from gateway.config import Target
 from gateway.messages import TargetSighting
 from gateway.nav import earth
-from gateway.targets import KEPT_S, LOCK_OUT, Motion, Track, TrackedPlace
+from gateway.targets import KEPT_S, LOCK_OUT, Motion, Targets, Track, TrackedPlace
 
 LAT, LON, H = np.radians(60.0), np.radians(5.0), -80.0
 MOTION = Motion(0.05, 30.0)
@@ -111,7 +113,6 @@ def test_silence_grows_its_uncertainty_until_it_is_lost() -> None:
     _, _, told = voyage(6, count=20)
     track = Track(MOTION)
     assert track.at(0) is None
-    assert track.is_lost(0)
     for one in told:
         track.take(one)
     end = told[-1].t_ns
@@ -122,8 +123,18 @@ def test_silence_grows_its_uncertainty_until_it_is_lost() -> None:
         assert found.age_s == pytest.approx(later_s)
         sd.append(float(np.sqrt(found.P[0, 0])))
     assert sd == sorted(sd)
-    assert not track.is_lost(end + 29_000_000_000)
-    assert track.is_lost(end + 31_000_000_000)
+
+
+def test_all_are_told_once_a_second_from_their_first_sighting_on() -> None:
+    targets = Targets({"2": Target(name="rov"), "7": Target(name="sledge", max_age_s=5.0)})
+    assert targets.due(EVERY_NS) == []
+    targets.take(msgspec.structs.replace(sighting(EVERY_NS, np.zeros(3)), beacon="7"))
+    assert targets.due(EVERY_NS + 5_000_000) == []
+    (one,) = targets.due(EVERY_NS + 1_000_000_000)
+    assert (one.number, one.block.name, one.is_lost) == (2, "sledge", False)
+    assert targets.due(EVERY_NS + 1_900_000_000) == []
+    (one,) = targets.due(EVERY_NS + 5_100_000_000)
+    assert one.is_lost
 
 
 def test_a_sighting_after_it_was_lost_begins_it_anew() -> None:

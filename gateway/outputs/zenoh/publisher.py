@@ -9,11 +9,11 @@ a slow subscriber nor a missing network is ever felt by the caller.
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import zenoh
@@ -31,7 +31,6 @@ from gateway.outputs.zenoh.settings import is_express
 
 log = logging.getLogger(__name__)
 
-Topic = Literal["nav", "innovation", "calibration", "status"]
 RETRY_S = (1.0, 2.0, 5.0, 10.0)
 LOOK_S = 1.0
 """Between looks at who reads, and at whether there is a way to them."""
@@ -50,9 +49,11 @@ PRIORITIES: dict[str, zenoh.Priority] = {
 
 
 @asynccontextmanager
-async def open_publisher(settings: ZenohOutput, vehicle: str) -> AsyncIterator["ZenohPublisher"]:
+async def open_publisher(
+    settings: ZenohOutput, vehicle: str, targets: Sequence[str] = ()
+) -> AsyncIterator["ZenohPublisher"]:
     """Publish while the body runs; a session that does not open keeps being tried behind it."""
-    publisher = ZenohPublisher(settings, vehicle)
+    publisher = ZenohPublisher(settings, vehicle, targets)
     keeper = asyncio.create_task(publisher.keep_open(), name=publisher.name)
     try:
         with suppress(TimeoutError):
@@ -64,7 +65,7 @@ async def open_publisher(settings: ZenohOutput, vehicle: str) -> AsyncIterator["
 
 
 class ZenohPublisher:
-    """The four topics of a vehicle, its liveliness token, and their past for who asks.
+    """The topics of a vehicle, its liveliness token, and their past for who asks.
 
     Parameters
     ----------
@@ -72,23 +73,27 @@ class ZenohPublisher:
         Mode, endpoints and all else of the session.
     vehicle
         Second part of every key.
+    targets
+        Names of what it follows: a topic ``target/<name>`` each.
     """
 
-    def __init__(self, settings: ZenohOutput, vehicle: str) -> None:
+    def __init__(self, settings: ZenohOutput, vehicle: str, targets: Sequence[str] = ()) -> None:
         self.name = f"zenoh {settings.mode}"
         self.tried = asyncio.Event()
         self._settings = settings
         self._vehicle = vehicle
         self._prefix = f"usblnav/{vehicle}"
         self._encoder = msgspec.json.Encoder()
-        self._past: dict[str, Past] = {topic: Past(settings.history_s) for topic in PRIORITIES}
+        followed = {f"target/{name}": zenoh.Priority.DATA_HIGH for name in targets}
+        self._priorities = PRIORITIES | followed
+        self._past = {topic: Past(settings.history_s) for topic in self._priorities}
         self._line: _Line | None = None
         self._readers = Readers(self.name)
         self._sent = self._dropped = 0
         self._error = ""
         self._lost_at: float | None = None
 
-    def publish(self, topic: Topic, report: msgspec.Struct | dict[str, Any]) -> None:
+    def publish(self, topic: str, report: msgspec.Struct | dict[str, Any]) -> None:
         """Send a report as JSON, or count it as dropped; never blocks, never raises.
 
         Its timestamp on Zenoh is its time of validity, ``utc_ns``, or else now. Reports are kept,
@@ -114,7 +119,7 @@ class ZenohPublisher:
             return False
         return True
 
-    def _put_ros(self, ros: RosTopics, topic: Topic, report: Any) -> None:
+    def _put_ros(self, ros: RosTopics, topic: str, report: Any) -> None:
         try:
             if topic == "nav":
                 ros.nav(report)
@@ -187,9 +192,9 @@ class ZenohPublisher:
             return _Line(
                 session,
                 source,
-                {topic: self._declare(session, topic) for topic in PRIORITIES},
+                {topic: self._declare(session, topic) for topic in self._priorities},
                 session.liveliness().declare_token(self._prefix),
-                session.declare_queryable(f"{self._prefix}/*", answers.answer),
+                session.declare_queryable(f"{self._prefix}/**", answers.answer),
                 None if ros is None else RosTopics(session, ros, self._vehicle),
             )
         except zenoh.ZError:
@@ -202,7 +207,7 @@ class ZenohPublisher:
             f"{self._prefix}/{topic}",
             encoding=zenoh.Encoding.APPLICATION_JSON,
             congestion_control=zenoh.CongestionControl.DROP,
-            priority=PRIORITIES[topic],
+            priority=self._priorities[topic],
             express=topic == "nav" and is_express(self._settings),
             cache=ext.CacheConfig(max_samples=1),
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
