@@ -24,6 +24,7 @@ def device(**changes: Any) -> DeviceReport:
     link = LinkReport("udp 127.0.0.1:7001", True, 1, 720_000, 20_000, {})
     clock = ClockReport("sequence", "locked", 1.0, 3.0, 0.02, 0.1)
     report = DeviceReport(
+        line="imu0",
         kind="imu",
         line="imu0",
         codec="kvh1750",
