@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from gateway import replay
 from gateway.config import Config
@@ -86,22 +85,21 @@ DIVE: dict[str, Any] = {
 SD = {"north": "sd_n_m", "east": "sd_e_m", "up": "sd_d_m", "heading": "sd_heading_deg"}
 
 
-@pytest.fixture(scope="module")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, Path]:
-    """Summary of the replay, its solutions and the truth."""
-    folder = tmp_path_factory.mktemp("dive")
+def test_the_gateway_follows_a_dive(tmp_path: Path) -> None:
+    """All that was said is understood, and the error is within three sigma."""
     scenario = twin.sound(DIVE)
-    sea, truth = folder / "sea.pcap", folder / "truth.csv"
+    sea, truth = tmp_path / "sea.pcap", tmp_path / "truth.csv"
     emulate(scenario, pcap=sea, truth=truth, say=lambda _line: None)
     faults: list[str] = []
     config = build(Config, twin.gateway_config(scenario), faults)
     assert config is not None, faults
-    summary = replay.run([sea], config, out=folder / "out")
-    return summary, folder / "out" / "nav.csv", truth
+    summary = replay.run([sea], config, out=tmp_path / "out")
+    understood(summary["devices"])
+    within_three_sigma(tmp_path / "out" / "nav.csv", truth)
 
 
-def test_all_that_was_said_was_understood(dive: tuple[dict[str, Any], Path, Path]) -> None:
-    devices = dive[0]["devices"]
+def understood(devices: dict[str, Any]) -> None:
+    """The receiver has a fix at the beginning and at the end."""
     assert all(not device["rejected"] for device in devices.values())
     assert devices["dvl0"]["measurements"] == 300
     assert devices["depth0"]["measurements"] == devices["heading0"]["measurements"] == 120
@@ -109,8 +107,7 @@ def test_all_that_was_said_was_understood(dive: tuple[dict[str, Any], Path, Path
     assert devices["gnss0"]["ignored"]["invalid"] > 2 * 25
 
 
-def test_the_error_is_within_three_sigma(dive: tuple[dict[str, Any], Path, Path]) -> None:
-    _, nav, truth = dive
+def within_three_sigma(nav: Path, truth: Path) -> None:
     found, solved = errors(nav, truth), read(nav)
     inside = (solved["t_s"] >= found.t[0]) & (solved["t_s"] <= found.t[-1])
     for name, sd in SD.items():
