@@ -17,6 +17,8 @@ Vector = tuple[float, float, float]
 MICROSECOND = 1e-6
 SLOWEST = 0.25
 """Fraction of its interval by which a sample follows the one before at least."""
+TIMELESS_S = 1.0
+"""For how long samples that lost their time are left out; after that the unit tells none."""
 QUEUE_S, QUEUE_SHARE = 0.1, 0.1
 """How late the first sample after a silence may be, also in parts of the silence."""
 WORST_KEPT_S = 10.0
@@ -33,6 +35,9 @@ class ImuIngest(DeviceIngest):
         C_bs = C_from_euler(*np.radians(device.mounting_deg)).tolist()
         self._C_bs: tuple[Vector, ...] = tuple(map(tuple, C_bs))
         self._source: Source = "frames"
+        self._tells_apart = (self._counting.time_step_s or 0.0) < self._period_s
+        self._told_s: float | None = None
+        self._timeless = 0
         self._clock = self._make_clock()
         self._counted = 0
         self._worst = 0.0
@@ -52,6 +57,10 @@ class ImuIngest(DeviceIngest):
             self.counts.ignored["not_imu"] += 1
         elif not record.valid:
             self.counts.ignored["invalid"] += 1
+        elif self._is_again(record):
+            self.counts.ignored["repeated"] += 1
+        elif self._lacks_time(record):
+            self.counts.ignored["untimed"] += 1
         else:
             self._chunk.append(record)
 
@@ -87,6 +96,19 @@ class ImuIngest(DeviceIngest):
     def clock_report(self) -> ClockReport:
         """How the samples are placed in time."""
         return self._clock.report(self._source)
+
+    def _is_again(self, record: ImuRecord) -> bool:
+        """Whether a line says a sample twice, as its own time tells, whatever it is placed by."""
+        before, self._told_s = self._told_s, record.t_device_s
+        return self._tells_apart and record.t_device_s is not None and record.t_device_s == before
+
+    def _lacks_time(self, record: ImuRecord) -> bool:
+        """Whether a sample lost the time that those before it told; for a while it is left out."""
+        if self._source != "time" or record.t_device_s is not None:
+            self._timeless = 0
+            return False
+        self._timeless += 1
+        return self._timeless * self._period_s < TIMELESS_S
 
     def _source_of(self, record: ImuRecord) -> Source:
         """What tells when a sample was taken: its own time, its number, or that it came."""

@@ -26,7 +26,7 @@ USBLS: dict[str, list[Data]] = {
     "tracklink-tp2": [{}],
     "tracklink-log": [{}],
     "tracklink-gll": [{"axes": "earth", "options": {"beacon": "1"}}],
-    "evologics": [{}, {"options": {"framed": True}}, {"says": ["angles"]}],
+    "evologics": [{}, {"options": {"framed": True}}],
     "psimssb": [{"options": {"levelled": False}}, {"axes": "level"}, {"axes": "north"}],
     "gaps": [{"axes": "level"}, {"axes": "north"}, {"axes": "earth"}],
     "psonlld": [{"axes": "earth"}],
@@ -38,6 +38,8 @@ USBLS: dict[str, list[Data]] = {
 """As `UsblModel` says them. A place by the topside's own position is heard, not used."""
 TIMED = ("evologics", "psimssb", "gaps")
 """Formats that tell the time to better than a second."""
+UNCOUNTED = ("hg4930", "anpp")
+"""Formats that neither count nor time their samples: twice the same cannot be told."""
 ERRORS = ("right_invariant", "right_invariant", "left_invariant", "additive")
 GRADES: dict[str, tuple[Data, list[float]]] = {
     "navigation": (
@@ -218,7 +220,10 @@ def _faults(dice: Dice, data: Data) -> list[Data]:
     """None in one mission of eight, else up to four."""
     if dice.chance(1 / 8):
         return []
-    return [_fault(dice, data["duration_s"]) for _ in range(dice.whole(1, 4))]
+    faults = [_fault(dice, data["duration_s"]) for _ in range(dice.whole(1, 4))]
+    imu = data["devices"]["imu0"]
+    counted = imu["codec"] not in UNCOUNTED or imu["options"].get("with_time", False)
+    return [f for f in faults if counted or (f["fault"], f["device"]) != ("duplicate", "imu0")]
 
 
 def _fault(dice: Dice, duration_s: float) -> Data:

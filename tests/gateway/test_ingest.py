@@ -510,3 +510,33 @@ def test_what_comes_late_after_a_silence_is_not_added_twice(counted):
     assert told.records == told.measurements + told.ignored.total() == frames
     made_s = 0.005 * (told.measurements + told.missing)
     assert made_s == pytest.approx(frames * 0.005, abs=queue_s)
+
+
+# --- the IMU: a line that says things twice, or loses half of them ---------------------------
+
+
+@pytest.mark.parametrize("source", ["device", "arrival"])
+def test_a_sample_said_twice_is_used_once(source):
+    ingest = imu(clock={"source": source}, codec="sbg-ecom")
+    records = [
+        sample(k, t_rx_ns=T0 + k * PERIOD_NS + again, sequence=None, t_device_s=k * 0.005)
+        for k in range(400)
+        for again in range(2 if 100 <= k < 170 else 1)
+    ]
+    _, rows = taken(ingest, records)
+    assert ingest.counts.ignored == {"repeated": 70}
+    np.testing.assert_allclose(rows[:, 1:4].sum(axis=0), 400 * np.array(ANGLE), rtol=1e-3)
+
+
+def test_a_sample_that_lost_its_time_is_a_missing_one():
+    """And a unit that stops telling it is placed by what it tells."""
+    ingest = imu(clock={"source": "device"}, codec="anpp")
+
+    def told(k):
+        return None if k in (100, 150, 151) or k >= 600 else k * 0.005
+
+    frames = 1000
+    _, rows = taken(ingest, [sample(k, sequence=None, t_device_s=told(k)) for k in range(frames)])
+    assert ingest.counts.ignored["untimed"] == 3 + 199
+    assert ingest.clock_report().source == "frames"
+    assert rows[:590, 0].sum() == pytest.approx((590 + 3) * 0.005, abs=1e-6)
