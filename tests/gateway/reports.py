@@ -26,7 +26,6 @@ def device(**changes: Any) -> DeviceReport:
     report = DeviceReport(
         line="imu0",
         kind="imu",
-        line="imu0",
         codec="kvh1750",
         silent_s=0.0,
         bytes=720_000,
