@@ -149,15 +149,28 @@ class _Run:
         """All devices' bytes in the order of time; the truth file is kept ahead of them."""
         trajectory = Trajectory(scenario.trajectory, scenario.duration_s)
         self.sent.update((name, Sent()) for name in scenario.devices)
-        writer = None
-        if self.truth is not None:
-            file = stack.enter_context(self.truth.open("w", encoding="ascii"))
-            writer = TruthWriter(file, trajectory, start_unix)
+        writers = [
+            TruthWriter(stack.enter_context(path.open("w", encoding="ascii")), way, start_unix)
+            for path, way in self._truths(scenario, trajectory)
+        ]
+        for writer in writers:
             writer.write_until(0.0)
         for emission in emissions(scenario, trajectory, start_unix, block_s):
-            if writer is not None:
+            for writer in writers:
                 writer.write_until(emission.t)
             yield emission
+
+    def _truths(
+        self, scenario: Scenario, trajectory: Trajectory
+    ) -> Iterator[tuple[Path, Trajectory]]:
+        """The vehicle's file, and beside it one of each beacon that moves."""
+        if self.truth is None:
+            return
+        yield self.truth, trajectory
+        for mobile in scenario.mobile.values():
+            name = f"{self.truth.stem}-{mobile.name}{self.truth.suffix}"
+            way = Trajectory(mobile.trajectory, scenario.duration_s)
+            yield self.truth.with_name(name), way
 
     def _play(
         self, emissions: Iterator[Emission], ports: dict[str, Plug], start: float

@@ -7,7 +7,7 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from gateway.config.blocks import Config, Device, DeviceKind
+from gateway.config.blocks import Beacon, Config, Device, DeviceKind
 from gateway.config.checks import cross_faults
 from gateway.emulator import acoustics
 from gateway.emulator.aiding import aiding_faults
@@ -17,6 +17,7 @@ from gateway.emulator.scenario import (
     DeviceModel,
     ImuModel,
     LblModel,
+    Mobile,
     PtyPort,
     Scenario,
     SerialPort,
@@ -99,6 +100,11 @@ def _with_waypoints(scenario: Scenario, folder: Path, faults: list[str]) -> Scen
         except ValueError as error:
             found.append(str(error))
     faults.extend(f"trajectory.{fault}" for fault in found)
+    for address, mobile in scenario.mobile.items():
+        try:
+            way_of(mobile.trajectory, 0.0)
+        except ValueError as error:
+            faults.append(f"beacons.{address}.trajectory.{error}")
     return msgspec.structs.replace(scenario, trajectory=track)
 
 
@@ -129,7 +135,7 @@ def gateway_config(scenario: Scenario) -> dict[str, Any]:
     config = {
         "vehicle": scenario.vehicle,
         "devices": {name: _device(scenario, model) for name, model in scenario.devices.items()},
-        "beacons": {n: msgspec.to_builtins(b) for n, b in scenario.beacons.items()},
+        "beacons": {n: _beacon(b) for n, b in scenario.beacons.items()},
         "sound_speed_m_s": scenario.sound_speed_m_s,
         "initial": _initial(scenario),
     }
@@ -160,6 +166,13 @@ def _device(scenario: Scenario, model: DeviceModel) -> dict[str, Any]:
     block = {"kind": whole["kind"], "link": _link(model.port)}
     block |= {key: whole[key] for key in shared}
     block["noise"] = {k: v for k, v in block["noise"].items() if v is not None}
+    return block
+
+
+def _beacon(beacon: Beacon | Mobile) -> dict[str, Any]:
+    """Of what moves the gateway is not told how."""
+    block: dict[str, Any] = msgspec.to_builtins(beacon)
+    block.pop("trajectory", None)
     return block
 
 

@@ -115,7 +115,7 @@ def weak(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(
         scenario,
         trajectory=one_turn,
-        beacons={"1": scenario.beacons["1"]},
+        beacons={"1": scenario.moored["1"]},
         initial=msgspec.structs.replace(scenario.initial, sigma=sigma),
     )
 

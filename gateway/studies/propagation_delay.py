@@ -100,7 +100,7 @@ def prepared(scenario: Scenario) -> Voyage:
 
 def faster(scenario: Scenario) -> Scenario:
     """5 m/s with everything twice as far from beacon 1."""
-    first = scenario.beacons["1"]
+    first = scenario.moored["1"]
 
     def away(lat_deg: float, lon_deg: float) -> dict[str, float]:
         return {
@@ -117,7 +117,7 @@ def faster(scenario: Scenario) -> Scenario:
         ),
         beacons={
             n: msgspec.structs.replace(b, **away(b.lat_deg, b.lon_deg))
-            for n, b in scenario.beacons.items()
+            for n, b in scenario.moored.items()
         },
     )
 
@@ -169,9 +169,7 @@ def baseline(of: Voyage, measured: Measured) -> tuple[Measured, Filter]:
         msgspec.structs.replace(fix, t_ns=told) if isinstance(fix, BeaconRange) else fix
         for fix, told in zip(measured.fixes, measured.told_ns.tolist(), strict=True)
     ]
-    one_way = {
-        n: msgspec.structs.replace(b, travel="one_way") for n, b in of.config.beacons.items()
-    }
+    one_way = {n: msgspec.structs.replace(b, travel="one_way") for n, b in of.config.moored.items()}
     config = msgspec.structs.replace(of.config, beacons=one_way)
     engine = configured(config, measured)
     engine.model = replace(engine.model, gate=1.0)

@@ -86,7 +86,7 @@ def run(runs: int, workers: Workers) -> Study:
 
 def alone(scenario: Scenario) -> Scenario:
     """The voyage with its first beacon only."""
-    return msgspec.structs.replace(scenario, beacons={"1": scenario.beacons["1"]})
+    return msgspec.structs.replace(scenario, beacons={"1": scenario.moored["1"]})
 
 
 def prepared(scenario: Scenario) -> Voyage:
@@ -127,10 +127,10 @@ def true_rates(of: Voyage, replies: Replies) -> Array:
     trajectory = Trajectory(of.scenario.trajectory, of.scenario.duration_s)
     C_bu = C_from_euler(*np.radians(model.mounting_deg))
     places_b = np.array(model.lever_arm_m) + np.array(ELEMENTS_U) @ C_bu.T
-    beacons_e = np.array([_place(of.scenario.beacons[name]) for name in replies.beacon])
+    beacons_e = np.array([_place(of.scenario.moored[name]) for name in replies.beacon])
     ears = [Ear(trajectory, l_b, of.scenario.sound_speed_m_s) for l_b in places_b]
     t = np.asarray(1e-9 * replies.t_ns, np.float64)
-    return np.stack([ear.range_rate(t, beacons_e) for ear in ears], axis=-1)
+    return np.stack([ear.range_rate(t, beacons_e, np.zeros(3)) for ear in ears], axis=-1)
 
 
 def figure(one_beacon: Sequence[Run], two_beacons: Sequence[Run]) -> "Figure":

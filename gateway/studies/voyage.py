@@ -157,7 +157,7 @@ def _replies(scenario: Scenario, trajectory: Trajectory) -> Replies:
     )
     heard = [
         (beacon, acoustics.measure(alone, name, perfect, trajectory))
-        for beacon, block in scenario.beacons.items()
+        for beacon, block in scenario.moored.items()
         for alone in [msgspec.structs.replace(scenario, beacons={beacon: block})]
     ]
     t_tx = np.concatenate([fixes.t_tx for _, fixes in heard])

@@ -100,7 +100,9 @@ def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Traject
     arrival = [ear.hears(ways.t_reply, ways.b_e) - ways.t_rx for ear in array.elements]
     echo = -direction(bearing, elevation) @ array.places_u.T / array.ear.sound_speed
     arrivals = np.where(noise.outlier[:, None], echo, np.stack(arrival, axis=-1)) + noise.arrival
-    rates = np.stack([ear.range_rate(ways.t_rx, ways.b_e) for ear in array.elements], axis=-1)
+    rates = np.stack(
+        [ear.range_rate(ways.t_rx, ways.b_e, ways.v_e) for ear in array.elements], axis=-1
+    )
     return Fixes(
         t_tx=t_ping[heard],
         t_rx=ways.t_rx[heard],

@@ -69,7 +69,7 @@ def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Traj
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
     ways = [ear.ask(t_ping, beacon) for beacon in beacons]
     travel_time = np.stack([way.one_way for way in ways], axis=-1)
-    rate = np.stack([ear.range_rate(way.t_rx, way.b_e) for way in ways], axis=-1)
+    rate = np.stack([ear.range_rate(way.t_rx, way.b_e, way.v_e) for way in ways], axis=-1)
     asked = np.ones(rate.shape, np.bool_)
     if model.asks == "in_turn":
         asked = np.arange(t_ping.size)[:, None] % len(beacons) == np.arange(len(beacons))

@@ -1,4 +1,4 @@
-"""The way of sound between a moored beacon and a point that a moving vehicle carries."""
+"""The way of sound between a beacon, moored or moving, and a point that a vehicle carries."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.emulator.faults.sound import dead, dragged
-from gateway.emulator.scenario import Scenario
+from gateway.emulator.scenario import Mobile, Scenario
 from gateway.emulator.trajectory import Trajectory
 from gateway.nav import earth
 
@@ -42,13 +42,17 @@ class Ear:
         away: Array = np.linalg.norm(self.position(t) - b_e, axis=-1)
         return away
 
-    def range_rate(self, t: Array, b_e: Array) -> Array:
+    def range_rate(self, t: Array, b_e: Array, v_e: Array) -> Array:
         """Slope of the distance, (n,) m/s: what the Doppler of a sound heard at ``t`` tells.
 
-        Heard at t_rx, sent at t_tx = t_rx - R(t_rx) / c: each second heard lasted 1 - R' / c.
+        Heard at t_rx, sent at t_tx = t_rx - R(t_rx) / c: each second heard lasted 1 - R' / c. That
+        of a beacon which moves with ``v_e`` (n, 3) m/s is right to v / c of its own part.
         """
         slope: Array = sum(
-            (weight / _STEP_S * self.distance(t + step * _STEP_S, b_e) for step, weight in _SLOPE),
+            (
+                weight / _STEP_S * self.distance(t + step * _STEP_S, b_e + step * _STEP_S * v_e)
+                for step, weight in _SLOPE
+            ),
             start=np.zeros(t.shape),
         )
         return slope
@@ -60,41 +64,52 @@ class Ear:
             t = t_sent + self.distance(t, b_e) / self.sound_speed
         return t
 
-    def ask(self, t_ping: Array, beacon: "Mooring") -> "Ways":
+    def ask(self, t_ping: Array, beacon: "Mooring | Mover") -> "Ways":
         """Sound to a beacon and back; a one-way beacon sends at the ping's moment by itself."""
-        b_e, t_reply = beacon.place(t_ping), t_ping
-        if beacon.two_way:
-            t_reply = t_ping + self.distance(t_ping, b_e) / self.sound_speed + beacon.turnaround
-        t_rx = self.hears(t_reply, b_e)
+        reply = beacon.replies(self, t_ping)
+        t_rx = self.hears(reply.t, reply.b_e)
         both = 0.5 * (t_rx - t_ping - beacon.turnaround)
-        one_way = both if beacon.two_way else t_rx - t_reply
-        return Ways(b_e, t_reply, t_rx, one_way, beacon.answers(t_ping))
+        one_way = both if beacon.two_way else t_rx - reply.t
+        return Ways(reply.b_e, reply.v_e, reply.t, t_rx, one_way, beacon.answers(t_ping))
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What beacons send: ``t`` (n,) s when, ``b_e`` (n, 3) m where, ``v_e`` (n, 3) m/s how fast."""
+
+    t: Array
+    b_e: Array
+    v_e: Array
 
 
 @dataclass(frozen=True, slots=True)
 class Ways:
     """Sound between the vehicle and beacons, one row a ping.
 
-    ``b_e`` (n, 3) m the beacon; ``t_reply``, ``t_rx`` (n,) s when it sends and is heard;
-    ``one_way`` (n,) s, half of both ways where there are two; ``answered`` (n,).
+    ``b_e`` (n, 3) m, ``v_e`` (n, 3) m/s the beacon as it replies; ``t_reply``, ``t_rx`` (n,) s when
+    it sends and is heard; ``one_way`` (n,) s, half of both ways where there are two; ``answered``
+    (n,).
     """
 
     b_e: Array
+    v_e: Array
     t_reply: Array
     t_rx: Array
     one_way: Array
     answered: Mask
 
     @classmethod
-    def in_turn(cls, ear: Ear, t_ping: Array, asked: "list[Mooring]") -> "Ways":
+    def in_turn(cls, ear: Ear, t_ping: Array, asked: "list[Mooring | Mover]") -> "Ways":
         """The first ping to the first beacon, and so on."""
         n = t_ping.size
         t_reply, t_rx, one_way = np.empty((3, n))
-        whole = cls(np.empty((n, 3)), t_reply, t_rx, one_way, np.empty(n, np.bool_))
+        b_e, v_e = np.empty((2, n, 3))
+        whole = cls(b_e, v_e, t_reply, t_rx, one_way, np.empty(n, np.bool_))
         for k, beacon in enumerate(asked):
             rows = slice(k, None, len(asked))
             part = ear.ask(t_ping[rows], beacon)
-            whole.b_e[rows], whole.t_reply[rows] = part.b_e, part.t_reply
+            whole.b_e[rows], whole.v_e[rows] = part.b_e, part.v_e
+            whole.t_reply[rows] = part.t_reply
             whole.t_rx[rows], whole.one_way[rows] = part.t_rx, part.one_way
             whole.answered[rows] = part.answered
         return whole
@@ -109,9 +124,16 @@ class Mooring:
     two_way: bool
     _scenario: Scenario
 
+    def replies(self, ear: Ear, t_ping: Array) -> Reply:
+        """What it sends to pings."""
+        b_e, t_reply = self.place(t_ping), t_ping
+        if self.two_way:
+            t_reply = t_ping + ear.distance(t_ping, b_e) / ear.sound_speed + self.turnaround
+        return Reply(t_reply, b_e, np.zeros(b_e.shape))
+
     def place(self, t: Array) -> Array:
         """Where it is in e, (n, 3) m."""
-        beacon = self._scenario.beacons[self.name]
+        beacon = self._scenario.moored[self.name]
         lat, lon = np.deg2rad([beacon.lat_deg, beacon.lon_deg])
         r_e = earth.lla_to_ecef(lat, lon, beacon.height_m)
         moved: Array = r_e + dragged(self._scenario, self.name, t) @ earth.C_en(lat, lon).T
@@ -122,10 +144,39 @@ class Mooring:
         return ~dead(self._scenario, self.name, t)
 
 
-def moorings(scenario: Scenario, asked: tuple[str, ...]) -> list[Mooring]:
+@dataclass(frozen=True, slots=True)
+class Mover:
+    """A beacon on something that moves: ``turnaround`` s."""
+
+    name: str
+    turnaround: float
+    two_way: bool
+    _scenario: Scenario
+    _trajectory: Trajectory
+
+    def replies(self, ear: Ear, t_ping: Array) -> Reply:
+        """What it sends to pings, from where it is by then."""
+        t_hit, away = t_ping, ear.position(t_ping)
+        if self.two_way:
+            for _ in range(_FIXED_POINT_ROUNDS):
+                path = np.linalg.norm(away - self._trajectory.pose(t_hit).r_e, axis=-1)
+                t_hit = t_ping + path / ear.sound_speed
+            t_hit = t_hit + self.turnaround
+        return Reply(t_hit, *self._trajectory.point(t_hit, (0.0, 0.0, 0.0)))
+
+    def answers(self, t: Array) -> Mask:
+        """Whether it answers pings at ascending times, (n,)."""
+        return ~dead(self._scenario, self.name, t)
+
+
+def moorings(scenario: Scenario, asked: tuple[str, ...]) -> list[Mooring | Mover]:
     """The beacons that are asked, in their order; all if none is named."""
-    blocks = {name: scenario.beacons[name] for name in asked or scenario.beacons}
-    return [
-        Mooring(name, 1e-3 * block.turnaround_ms, block.travel == "two_way", scenario)
-        for name, block in blocks.items()
-    ]
+    found: list[Mooring | Mover] = []
+    for name in asked or scenario.beacons:
+        block = scenario.beacons[name]
+        told = name, 1e-3 * block.turnaround_ms, block.travel == "two_way", scenario
+        if isinstance(block, Mobile):
+            found.append(Mover(*told, Trajectory(block.trajectory, scenario.duration_s)))
+        else:
+            found.append(Mooring(*told))
+    return found

@@ -22,7 +22,7 @@ from gateway.emulator.scenario.aiding import (
     HeadingModel,
 )
 from gateway.emulator.scenario.block import Probability, SoundSpeed
-from gateway.emulator.scenario.file import DeviceModel, Initial, Scenario, codec_options
+from gateway.emulator.scenario.file import DeviceModel, Initial, Mobile, Scenario, codec_options
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
 from gateway.emulator.scenario.imu import ImuErrors, ImuModel, Warming
 from gateway.emulator.scenario.ports import AnyPort, PtyPort, SerialPort, TcpServerPort, UdpPort
@@ -61,6 +61,7 @@ __all__ = [
     "Legs",
     "Line",
     "Message",
+    "Mobile",
     "Outliers",
     "Probability",
     "PtyPort",

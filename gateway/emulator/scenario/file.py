@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers import registry
-from gateway.config.blocks import Beacon, InitialSigma, Name, Positive
+from gateway.config.blocks import Beacon, InitialSigma, Name, NonNegative, Positive
 from gateway.emulator.scenario.acoustic import LblModel, UsblModel
 from gateway.emulator.scenario.aiding import AidingModel
 from gateway.emulator.scenario.block import Block, SoundSpeed
@@ -21,6 +21,15 @@ class Initial(Block, frozen=True):
     """How well the vehicle knows its first state; the errors are drawn from it."""
 
     sigma: InitialSigma
+
+
+class Mobile(Block, frozen=True, kw_only=True, tag_field="role", tag="target"):
+    """A beacon on something that moves along a track of its own, at its IMU's place."""
+
+    name: Name
+    trajectory: Track
+    turnaround_ms: NonNegative = 0.0
+    travel: Literal["two_way", "one_way"] = "two_way"
 
 
 class Scenario(Block, frozen=True, kw_only=True):
@@ -43,7 +52,7 @@ class Scenario(Block, frozen=True, kw_only=True):
     trajectory: Track
     devices: dict[Name, DeviceModel]
     initial: Initial
-    beacons: dict[str, Beacon] = msgspec.field(default_factory=dict)
+    beacons: dict[str, Beacon | Mobile] = msgspec.field(default_factory=dict)
     vehicle: Name = "emulated"
     start: Annotated[float, Meta(ge=0)] | Literal["now"] = "now"
     sound_speed_m_s: SoundSpeed = 1500.0
@@ -51,6 +60,16 @@ class Scenario(Block, frozen=True, kw_only=True):
     surface_height_m: float = 0.0
     sea_bed_depth_m: Positive | None = None
     faults: tuple[AnyFault, ...] = ()
+
+    @property
+    def moored(self) -> dict[str, Beacon]:
+        """The beacons that stay where they are, by address."""
+        return {n: b for n, b in self.beacons.items() if isinstance(b, Beacon)}
+
+    @property
+    def mobile(self) -> dict[str, Mobile]:
+        """The beacons that move, by address."""
+        return {n: b for n, b in self.beacons.items() if isinstance(b, Mobile)}
 
 
 def codec_options(device: DeviceModel) -> Any:
