@@ -197,7 +197,7 @@ def test_beyond_its_range_a_unit_says_that_it_cannot_tell() -> None:
     _, exact = truth_of(scenario)
     beyond = np.any(np.abs(np.rad2deg(exact[:, :3])) > 4.0 / 200.0, axis=1)
     assert 0 < beyond.sum() < len(beyond)
-    assert counts.ignored == {"invalid": beyond.sum()}
+    assert +counts.ignored == {"invalid": beyond.sum()}
 
 
 def test_a_unit_warms_up() -> None:
