@@ -64,6 +64,8 @@ class UsblFix(_Heard, frozen=True, tag="usbl"):
     bearing: float | None
     slant_range: float | None
     axes: Literal["array", "level", "north"] = "array"
+    horizontal: bool = False
+    """Whether only its north and east were told, and down by the chart."""
 
 
 class BeaconPlace(_Heard, frozen=True, tag="place"):

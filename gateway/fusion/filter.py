@@ -16,7 +16,7 @@ from gateway.fusion.kalman import (
     normalised_square,
     update,
 )
-from gateway.fusion.observation import Model, observe, place
+from gateway.fusion.observation import Model, observe, place, settled
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.messages import Component, Fix, Innovation, UsblFix, Verdict
@@ -141,9 +141,11 @@ class Filter:
         """Use one fix at its time, or say why not; one of a target tells where that was."""
         if fix.beacon in self.model.targets:
             return self._sight(fix, track)
-        z = self._observe(fix, track)
-        if isinstance(z, str):
-            return self._refuse(fix, z)
+        own = settled(self.model, self.memory.state, fix)
+        z = own if isinstance(own, str) else self._observe(own, track)
+        if isinstance(own, str) or isinstance(z, str):
+            return self._refuse(fix, str(z))
+        fix = own
         S = innovation_covariance(self.memory.state.P, z)
         nis = normalised_square(z.residual, S)
         if not (nis >= 0.0 and S.diagonal().min() > 0.0):  # not finite, or not positive

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from gateway.engine import Track
@@ -160,7 +161,7 @@ def place(model: Model, state: State, fix: Fix, track: Track) -> Linearised | No
 
     None for any other measurement.
     """
-    if not isinstance(fix, UsblFix):
+    if not isinstance(fix, UsblFix) or fix.horizontal:
         return None
     z = observe(replace(model, loose=Loose(None)), state, fix, track)
     if isinstance(z, str):
@@ -168,9 +169,46 @@ def place(model: Model, state: State, fix: Fix, track: Track) -> Linearised | No
     if model.error.kind != RIGHT:
         return z
     array = model.arrays[fix.device]
-    axes = told_axes(state, array.geometry.C_bu, "array" if array.goes_by_us else fix.axes)
+    axes = told_axes(state, array.geometry.C_bu, fix.axes)
     assert axes is not None  # or there were no z
     return loose.turning_the_beacon(z, model.beacons[fix.beacon].r_e, axes.turning)
+
+
+def settled(model: Model, state: State, fix: Fix) -> Fix | str:
+    """A fix that was turned or placed by our own solution, as the array saw it.  # (M.164), (M.165)
+
+    By the estimate of now, and once: told by an estimate, it would follow the one that it corrects.
+    Any other fix stays as it is; in a word why one cannot be freed.
+    """
+    array = model.arrays.get(fix.device)
+    if array is None or not array.goes_by_us:
+        return fix
+    match fix:
+        case UsblFix(axes="level" | "north"):
+            rows = (fix.elevation, fix.bearing)
+            measured = np.array([np.nan if v is None else v for v in (*rows, None)])
+            told = usbl.Sighting(measured, array.sigma, state.r_e, None, fix.axes)
+            sight = usbl.turned_back(state, array.geometry, told)
+            if sight is None:
+                return "geometry"
+            elevation, bearing = sight.measured[:2].tolist()
+            return structs.replace(fix, elevation=elevation, bearing=bearing, axes="array")
+        case BeaconPlace() if fix.beacon in model.beacons:
+            return _from_above(array, model.beacons[fix.beacon].r_e, state, fix)
+        case _:
+            return fix
+
+
+def _from_above(array: AcousticArray, beacon_e: Array, state: State, fix: BeaconPlace) -> UsblFix:
+    """The fix that ends in a place, at the height of the chart."""
+    _, _, height = ecef_to_lla(beacon_e)
+    told_e = lla_to_ecef(fix.lat, fix.lon, float(height))
+    lever_b = array.geometry.lever_b + state.lever_b
+    C_eu = state.C_eb @ array.geometry.C_bu
+    x, y, z = (C_eu.T @ (told_e - state.r_e - state.C_eb @ lever_b)).tolist()
+    elevation, bearing = usbl.angles((x, y, z))
+    range_m = float(np.sqrt(x * x + y * y + z * z))
+    return UsblFix(fix.t_ns, fix.device, fix.beacon, elevation, bearing, range_m, horizontal=True)
 
 
 def _observe_vehicle(mount: Mount, state: State, fix: OfTheVehicle) -> Linearised | str:
@@ -201,11 +239,11 @@ def _observe_sound(model: Model, state: State, fix: Acoustic, track: Track) -> L
     match fix:
         case UsblFix():
             transmit = departure(model, beacon, fix.t_ns, None, fix.slant_range, track)
-            return _sighted(model, state, array, _sighting(array, beacon, fix, transmit))
+            sight = _sighting(array, beacon, fix, transmit)
+            look = _sighted_from_above if fix.horizontal else _sighted
+            return look(model, state, array.geometry, sight)
         case BeaconPlace():
-            if not array.goes_by_us:
-                return "place"
-            return _placed(model, state, fix, track) or "geometry"
+            return "place"
         case BeaconRange():
             sent, range_m = fix.t_transmit_ns, fix.slant_range
             transmit = departure(model, beacon, fix.t_ns, sent, range_m, track)
@@ -228,36 +266,21 @@ def _sighting(
 
 
 def _sighted(
-    model: Model, state: State, array: AcousticArray, told: usbl.Sighting
+    model: Model, state: State, geometry: usbl.ArrayGeometry, sight: usbl.Sighting
 ) -> Linearised | str:
-    """Linearise a fix in the axes in which it was measured, tightly or loosely."""
-    sight: usbl.Sighting | None = told
-    if array.goes_by_us and told.axes != "array":
-        sight = usbl.turned_back(state, array.geometry, told)
-    if sight is None:
-        return "geometry"
+    """Linearise a fix tightly or loosely."""
     if model.loose is None:
-        return usbl.linearise(state, array.geometry, sight) or "geometry"
-    return loose.linearise(state, array.geometry, sight, model.loose.sigma) or "geometry"
+        return usbl.linearise(state, geometry, sight) or "geometry"
+    return loose.linearise(state, geometry, sight, model.loose.sigma) or "geometry"
 
 
-def _placed(model: Model, state: State, fix: BeaconPlace, track: Track) -> Linearised | None:
-    """Linearise a beacon's place that was told by our own solution: north and east.  # (M.165)
-
-    The chart's height completes it to a fix, and down is left out again.
-    """
-    array, beacon = model.arrays[fix.device], model.beacons[fix.beacon]
-    C_bu, lever_b = array.geometry.C_bu, array.geometry.lever_b + state.lever_b
-    _, _, height = ecef_to_lla(beacon.r_e)
-    told_e = lla_to_ecef(fix.lat, fix.lon, float(height))
-    r_u = (state.C_eb @ C_bu).T @ (told_e - state.r_e - state.C_eb @ lever_b)
-    range_m = float(np.linalg.norm(r_u))
-    measured = np.array([*usbl.angles(tuple(r_u.tolist())), range_m])
-    transmit = departure(model, beacon, fix.t_ns, None, range_m, track)
-    sight = usbl.Sighting(measured, array.sigma, beacon.r_e, transmit)
+def _sighted_from_above(
+    model: Model, state: State, geometry: usbl.ArrayGeometry, sight: usbl.Sighting
+) -> Linearised | str:
+    """Linearise north and east of a fix whose down is the chart's.  # (M.165)"""
     sigma_m = None if model.loose is None else model.loose.sigma
-    z = loose.linearise(state, array.geometry, sight, sigma_m)
-    return z and Linearised(z.residual[:2], z.H[:2], z.R[:2, :2], z.names[:2])
+    z = loose.linearise(state, geometry, sight, sigma_m)
+    return (z and Linearised(z.residual[:2], z.H[:2], z.R[:2, :2], z.names[:2])) or "geometry"
 
 
 def departure(

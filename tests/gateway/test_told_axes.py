@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from gateway.fusion import loose, usbl
 from gateway.fusion.axes import nominal_axes, told_axes
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.observation import AcousticArray, Model, Transponder, observe
+from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.observation import AcousticArray, Loose, Model, Transponder, observe, settled
 from gateway.fusion.state import LATENCY, POS, State
 from gateway.messages import BeaconPlace, UsblFix
 from gateway.nav import earth
@@ -155,11 +156,12 @@ def test_what_was_turned_by_us_is_turned_back(axes):
     told = usbl.angles(tuple(C_na.T @ state.C_eb @ C_bu @ r_u))
     state.x[LATENCY_IN_MEAN] = 0.0
     raw = observe(model, state, UsblFix(0, "usbl0", "1", -0.6, 0.5, 97.0), None)
-    ours = observe(model, state, UsblFix(0, "usbl0", "1", *told, 97.0, axes), None)
+    turned = settled(model, state, UsblFix(0, "usbl0", "1", *told, 97.0, axes))
+    ours = observe(model, state, turned, None)
     np.testing.assert_allclose(ours.residual, raw.residual, atol=1e-12)
     np.testing.assert_array_equal(ours.H, raw.H)
     part = UsblFix(0, "usbl0", "1", None, told[1], 97.0, axes)
-    assert observe(model, state, part, None) == "geometry"
+    assert settled(model, state, part) == "geometry"
 
 
 def test_a_beacons_place_told_by_us_is_ours_relative_to_it():
@@ -174,10 +176,36 @@ def test_a_beacons_place_told_by_us_is_ours_relative_to_it():
     off_n = np.array([1.5, -2.5, 0.0])
     off_lat, off_lon, _ = earth.ecef_to_lla(b_e + earth.C_en(lat, lon) @ off_n)
     fix = BeaconPlace(0, "usbl0", "1", float(off_lat), float(off_lon))
-    z = observe(model, state, fix, None)
+    z = observe(model, state, settled(model, state, fix), None)
     assert z.names == ("north_m", "east_m")
     np.testing.assert_allclose(z.residual, off_n[:2], atol=1e-5)
     np.testing.assert_allclose(z.H[:, POS], earth.C_en(lat, lon).T[:2], atol=1e-9)
+
+
+@pytest.mark.parametrize("words", ["place", "north"])
+def test_what_moves_with_the_estimate_is_used_once(words):
+    """Where the heading is unknown others are used in parts, each of which sees the fix anew."""
+    lat, lon = 0.8, 2.2
+    C_en = earth.C_en(lat, lon)
+    P = np.diag(np.repeat([1e-6, 1e-4, 25.0, 1e-12, 1e-12], 3))
+    P[:3, :3] = C_en @ np.diag([1e-6, 1e-6, np.radians(8.0) ** 2]) @ C_en.T
+    state = State.at(C_en, np.zeros(3), earth.lla_to_ecef(lat, lon, -20.0), P)
+    model = replace(follower(state), loose=Loose(None))
+    b_e = model.beacons["1"].r_e
+    true_n = 4.0 * np.array([60.0, 25.0, 0.0]) / 65.0  # towards the beacon: a heading cannot be it
+    seen_e = b_e - state.r_e - C_en @ (true_n + LEVER)
+    if words == "place":
+        told = earth.ecef_to_lla(b_e - C_en @ true_n)[:2]
+        fix = BeaconPlace(10**9, "usbl0", "1", float(told[0]), float(told[1]))
+    else:
+        polar = (*usbl.angles(tuple(C_en.T @ seen_e)), float(np.linalg.norm(seen_e)))
+        fix = UsblFix(10**9, "usbl0", "1", *polar, "north")
+    engine = Filter(model, Memory(state.copy()))
+    assert not engine.knows_heading()
+    before = np.linalg.norm(C_en.T @ (engine.memory.state.r_e - state.r_e) - true_n)
+    assert engine.apply(fix, None).accepted
+    after = np.linalg.norm((C_en.T @ (engine.memory.state.r_e - state.r_e) - true_n)[:2])
+    assert after < 0.25 * before
 
 
 def test_a_place_by_a_topside_of_its_own_says_nothing_of_us():
@@ -185,5 +213,7 @@ def test_a_place_by_a_topside_of_its_own_says_nothing_of_us():
     model = follower(state)
     array = model.arrays["usbl0"]
     model.arrays["usbl0"] = replace(array, goes_by_us=False)
-    assert observe(model, state, BeaconPlace(0, "usbl0", "1", 0.1, 0.2), None) == "place"
+    fix = BeaconPlace(0, "usbl0", "1", 0.1, 0.2)
+    assert settled(model, state, fix) is fix
+    assert observe(model, state, fix, None) == "place"
     assert np.linalg.norm(state.r_e - ORIGIN) < 2e3
