@@ -21,6 +21,8 @@ TIMELESS_S = 1.0
 """For how long samples that lost their time are left out; after that the unit tells none."""
 QUEUE_S, QUEUE_SHARE = 0.1, 0.1
 """How late the first sample after a silence may be, also in parts of the silence."""
+OVERDUE_S = 5.0
+"""How long after a silence at least what came late by it may be made up for."""
 WORST_KEPT_S = 10.0
 """How long it is remembered how late frames that are not counted may come."""
 
@@ -177,7 +179,7 @@ class ImuIngest(DeviceIngest):
         After a silence what waited in a queue may come as fast as the line can. Where neither count
         nor time tells it from the present, it shows in that more come than were taken meanwhile.
         """
-        if t_ns > self._silent_until_ns + round(self._silence_s * 1e9):
+        if t_ns > self._silent_until_ns + round(1e9 * max(self._silence_s, OVERDUE_S)):
             self._bridged = 0
         queue_s = min(QUEUE_S, QUEUE_SHARE * self._silence_s)
         taken = ((t_ns - self._silent_until_ns) * 1e-9 + queue_s) / self._period_s
