@@ -39,7 +39,9 @@ USBLS: dict[str, list[Data]] = {
 TIMED = ("evologics", "psimssb", "gaps")
 """Formats that tell the time to better than a second."""
 UNCOUNTED = ("hg4930", "anpp")
-"""Formats that neither count nor time their samples: twice the same cannot be told."""
+"""Formats that neither count nor time their samples: one lost or said twice cannot be told."""
+NUMBERED = ("kvh1750", "stim300", "xsens-mtdata2", "stdbin")
+"""Formats that count their samples, whatever these are placed by."""
 ERRORS = ("right_invariant", "right_invariant", "left_invariant", "additive")
 GRADES: dict[str, tuple[Data, list[float]]] = {
     "navigation": (
@@ -181,7 +183,11 @@ def _imu(dice: Dice, codec: str) -> tuple[Data, list[float]]:
         "port": dice.one(*ports),
         "rate_hz": dice.one(100.0, 125.0, 200.0),
         "noise": noise,
-        "clock": {"source": dice.one("device", "arrival"), "latency_ms": dice.between(0, 5)},
+        "clock": {
+            "source": dice.one("device", "arrival") if codec in NUMBERED else "device",
+            "latency_ms": dice.between(0, 5),
+        },
+        "uptime_s": dice.between(1000, 4000),
         "jitter_ms": dice.one(0.0, 0.5, 2.0),
         "mounting_deg": dice.one([0, 0, 0], [180, 0, 0], [0, 0, 90]),
     }
@@ -223,7 +229,9 @@ def _faults(dice: Dice, data: Data) -> list[Data]:
     faults = [_fault(dice, data["duration_s"]) for _ in range(dice.whole(1, 4))]
     imu = data["devices"]["imu0"]
     counted = imu["codec"] not in UNCOUNTED or imu["options"].get("with_time", False)
-    return [f for f in faults if counted or (f["fault"], f["device"]) != ("duplicate", "imu0")]
+    return [
+        f for f in faults if counted or not (f["fault"] in _OF_FRAMES and f["device"] == "imu0")
+    ]
 
 
 def _fault(dice: Dice, duration_s: float) -> Data:
@@ -261,10 +269,8 @@ def _fault(dice: Dice, duration_s: float) -> Data:
     return block
 
 
-_OF_ANY = (
-    *("flip", "truncate", "junk", "duplicate", "reorder", "drop"),
-    *("unplug", "power_cycle", "jitter"),
-)
+_OF_FRAMES = ("flip", "truncate", "junk", "duplicate", "reorder", "drop")
+_OF_ANY = (*_OF_FRAMES, "unplug", "power_cycle", "jitter")
 _OF_IMU = ("burst", "delay", "clock_drift", "clock_step", "clock_wrap")
 """A sentence that is timed by its arrival cannot be known to be late: bursts and delays of fixes
 are a wrong latency, which no filter can see."""

@@ -138,6 +138,7 @@ def run(number: int, data: dict[str, Any], error: str) -> Result:
         for name in devices
     }
     faults = [fault for row in rows.values() for fault in row.verdict.faults]
+    given -= len(forward._estimator._timeline.waiting())
     faults += _unaccounted(rows, devices, counts, samples, given)
     modes = Counter(str(s.mode) for s in solutions)
     starts = [s.mode is Mode.ALIGNING for s in solutions]

@@ -71,13 +71,13 @@ class ImuClock:
         told = since + gained - np.where(first, 0.0, ahead(self._scenario, self._name, on))
         counted = since if self._counting.sequence_s is None else told
         number = np.rint(counted * self._per_s + self._first * first) - 1.0
-        time = np.maximum(told + self._first_s * first, 0.0)
+        time = told + self._first_s * first
         if self._shown_s is not None:
             time = self._shown_s + t + gained
         if self._counting.sequence_modulus is not None:
             number %= self._counting.sequence_modulus
-        if self._counting.time_modulus_s is not None:
-            time %= self._counting.time_modulus_s
+        turn_s = self._counting.time_modulus_s
+        time = np.maximum(time, 0.0) if turn_s is None else time % turn_s
         return number.astype(np.int64).tolist(), time.tolist()
 
     def _turn_over(self, at_s: float) -> None:
