@@ -29,3 +29,17 @@ def generator(seed: int, *purpose: str) -> np.random.Generator:
     """A random stream of its own for each purpose, the same for the same seed."""
     digest = hashlib.sha256("/".join(purpose).encode()).digest()
     return np.random.default_rng([seed, int.from_bytes(digest[:8], "big")])
+
+
+class Draws:
+    """Random streams of a device, one for each purpose, that go on from call to call."""
+
+    def __init__(self, seed: int, name: str) -> None:
+        self._seed, self._name = seed, name
+        self._streams: dict[str, np.random.Generator] = {}
+
+    def __call__(self, purpose: str) -> np.random.Generator:
+        """Give the stream of a purpose, where the last call left it."""
+        if purpose not in self._streams:
+            self._streams[purpose] = generator(self._seed, self._name, purpose)
+        return self._streams[purpose]

@@ -8,7 +8,7 @@ from msgspec import UNSET
 
 from drivers.records import UsblRecord
 from gateway.emulator import acoustics, twin
-from gateway.emulator.acoustics import measure
+from gateway.emulator.acoustics import measure, sentences
 from gateway.emulator.acoustics.sentences import records
 from gateway.emulator.scenario import Scenario
 from gateway.emulator.trajectory import Trajectory
@@ -36,7 +36,7 @@ def said(scenario: Scenario, start: float = MIDNIGHT) -> list[tuple[float, UsblR
     model = scenario.devices["a0"]
     assert not list(acoustics.faults(scenario, "a0", model))
     truth = Trajectory(scenario.trajectory, scenario.duration_s)
-    return records(scenario, "a0", model, truth, start)
+    return list(records(scenario, "a0", model, truth, start))
 
 
 def fixes(scenario: Scenario) -> acoustics.Fixes:
@@ -234,3 +234,19 @@ def test_a_fault_of_a_beacon_that_is_not_there_is_named() -> None:
     with pytest.raises(ConfigError) as caught:
         twin.sound(demo_data() | {"faults": [fault]})
     assert caught.value.faults == ['faults[0].beacon: no beacon is called "9"']
+
+
+@pytest.mark.parametrize("pings", [1, 7, 1000])
+def test_it_does_not_matter_how_many_pings_are_computed_at_once(
+    pings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    once = {"fault": "beacon_dead", "beacon": "1", "at_s": 20.5}
+    echoes = {"fault": "multipath", "device": "a0", "at_s": 5.0, "for_s": 30.0, "probability": 0.5}
+    device = {"outliers": {"probability": 0.1}, "jitter_ms": 300.0, "missed_probability": 0.2}
+    noise = {"bearing_deg": 0.1, "elevation_deg": 0.1, "range_m": 0.1, "tilt_deg": 0.2}
+    axes = {"axes": "north", "noise": noise, "no_reply": "NRy", "timeout_s": 3.5}
+    scenario = scenario_of(CIRCLE | {"faults": [once, echoes]}, **device, **axes)
+    usual = said(scenario)
+    monkeypatch.setattr(sentences, "_BLOCK_PINGS", pings)
+    assert said(scenario) == usual
+    assert [t for t, _ in usual] == sorted(t for t, _ in usual)

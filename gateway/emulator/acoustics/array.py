@@ -5,20 +5,24 @@ instrument turns the travel time into a range with the sound speed it was told, 
 angles when the reply arrives.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gateway.emulator.acoustics.water import Ear, Mask, Ways, moorings
+from gateway.emulator.acoustics.water import Ear, Mask, Ways, moorings, slope
 from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import Scenario, UsblModel
-from gateway.emulator.streams import generator
+from gateway.emulator.streams import Draws, generator
 from gateway.emulator.trajectory import Trajectory
 from gateway.nav.attitude import C_from_euler
 
 Array = NDArray[np.float64]
+
+_ROUNDS = 4
+"""From a tenth of a millisecond, each gains a factor c / v: beyond rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,39 +87,85 @@ def acoustic_errors(scenario: Scenario, name: str, model: UsblModel) -> Acoustic
 
 def measure(scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory) -> Fixes:
     """All replies of a scenario."""
-    array = _MovingArray(scenario, name, model, trajectory)
-    asked = moorings(scenario, model.beacons)
-    t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
-    ways = Ways.in_turn(array.ear, t_ping, asked)
-    names = [asked[k % len(asked)].name for k in range(t_ping.size)]
-    noise = _draw_noise(scenario, name, model, t_ping)
+    listening = Listening(scenario, name, model, trajectory)
+    return listening.next(listening.t_ping.size)
 
-    bearing, elevation = array.angles(ways.t_rx, ways.b_e)
-    bearing, elevation = _wrap(bearing + noise.bearing), _fold(elevation + noise.elevation)
-    slant_range = scenario.sound_speed_m_s * ways.one_way * (1.0 + array.errors.range_scale)
-    slant_range += noise.slant_range
-    near = (slant_range > 0.0) & (slant_range < model.max_range_m)
-    heard = noise.heard & ways.answered & near
 
-    arrival = [ear.hears(ways.t_reply, ways.b_e) - ways.t_rx for ear in array.elements]
-    echo = -direction(bearing, elevation) @ array.places_u.T / array.ear.sound_speed
-    arrivals = np.where(noise.outlier[:, None], echo, np.stack(arrival, axis=-1)) + noise.arrival
-    rates = np.stack(
-        [ear.range_rate(ways.t_rx, ways.b_e, ways.v_e) for ear in array.elements], axis=-1
-    )
-    return Fixes(
-        t_tx=t_ping[heard],
-        t_rx=ways.t_rx[heard],
-        beacon=[names[k] for k in np.flatnonzero(heard)],
-        bearing=bearing[heard],
-        elevation=elevation[heard],
-        slant_range=slant_range[heard],
-        arrival=arrivals[heard],
-        range_rate=(rates.mean(axis=-1) + noise.range_rate)[heard],
-        element_rates=(rates + noise.element_rates)[heard],
-        outlier=noise.outlier[heard],
-        unanswered=[(float(t_ping[k]), names[k]) for k in np.flatnonzero(~heard)],
-    )
+class Listening:
+    """An array at work: its replies, some pings at a time."""
+
+    def __init__(
+        self, scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory
+    ) -> None:
+        self._array = _MovingArray(scenario, name, model, trajectory)
+        self._asked = moorings(scenario, model.beacons)
+        self._scenario, self._name, self._model = scenario, name, model
+        self._draws = Draws(scenario.seed, name)
+        self.t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
+
+    def blocks(self, least: int) -> Iterator[tuple[Fixes, float]]:
+        """All replies, some pings at a time, with the moment before which no later one is heard."""
+        turns = len(self._asked) * -(-least // len(self._asked))
+        while self.t_ping.size:
+            fixes = self.next(turns)
+            yield fixes, float(self.t_ping[0]) if self.t_ping.size else np.inf
+
+    def next(self, n: int) -> Fixes:
+        """The replies to the next ``n`` pings; whole turns of the beacons, but at the end."""
+        scenario, array = self._scenario, self._array
+        t_ping, self.t_ping = self.t_ping[:n], self.t_ping[n:]
+        ways = Ways.in_turn(array.ear, t_ping, self._model.period_s, self._asked)
+        names = [self._asked[k % len(self._asked)].name for k in range(t_ping.size)]
+        noise = self._noise(t_ping)
+
+        bearing, elevation = array.angles(ways.t_rx, ways.b_e)
+        bearing, elevation = _wrap(bearing + noise.bearing), _fold(elevation + noise.elevation)
+        slant_range = scenario.sound_speed_m_s * ways.one_way * (1.0 + array.errors.range_scale)
+        slant_range += noise.slant_range
+        near = (slant_range > 0.0) & (slant_range < self._model.max_range_m)
+        heard = noise.heard & ways.answered & near
+
+        arrivals = np.where(
+            noise.outlier[:, None], array.echo(bearing, elevation), array.arrivals(ways)
+        )
+        rates = array.rates(ways)
+        return Fixes(
+            t_tx=t_ping[heard],
+            t_rx=ways.t_rx[heard],
+            beacon=[names[k] for k in np.flatnonzero(heard)],
+            bearing=bearing[heard],
+            elevation=elevation[heard],
+            slant_range=slant_range[heard],
+            arrival=(arrivals + noise.arrival)[heard],
+            range_rate=(rates.mean(axis=-1) + noise.range_rate)[heard],
+            element_rates=(rates + noise.element_rates)[heard],
+            outlier=noise.outlier[heard],
+            unanswered=[(float(t_ping[k]), names[k]) for k in np.flatnonzero(~heard)],
+        )
+
+    def _noise(self, t_ping: Array) -> "_Noise":
+        """White noise, multipath and missed replies; the same draws whatever is switched on."""
+        rng, model = self._draws, self._model
+        n, elements = t_ping.size, max(1, len(model.elements_m))
+        white = rng("noise").standard_normal((n, 3))
+        outlier = rng("outlier").random(n) < model.outliers.probability
+        outlier |= astray(self._scenario, self._name, t_ping, model.period_s, rng)
+        heard = rng("missed").random(n) >= model.missed_probability
+        longer = model.outliers.extra_range_m * rng("longer").standard_exponential(n)
+        aside = np.deg2rad(model.outliers.angle_deg) * rng("aside").standard_normal((n, 2))
+        arrival = rng("arrival").standard_normal((n, elements))
+        rate = rng("rate").standard_normal(n)
+        rates = rng("element rates").standard_normal((n, elements))
+        return _Noise(
+            bearing=np.deg2rad(model.noise.bearing_deg) * white[:, 0] + outlier * aside[:, 0],
+            elevation=np.deg2rad(model.noise.elevation_deg) * white[:, 1] + outlier * aside[:, 1],
+            slant_range=model.noise.range_m * white[:, 2] + outlier * longer,
+            arrival=1e-6 * model.element_noise_us * arrival,
+            range_rate=model.noise.range_rate_m_s * rate,
+            element_rates=model.noise.range_rate_m_s * rates,
+            outlier=outlier,
+            heard=heard,
+        )
 
 
 def direction(bearing: Array, elevation: Array) -> Array:
@@ -133,12 +183,11 @@ class _MovingArray:
         self.errors = acoustic_errors(scenario, name, model)
         C_bu_nominal = C_from_euler(*np.deg2rad(model.mounting_deg))
         self._C_bu = Rotation.from_rotvec(self.errors.theta).as_matrix() @ C_bu_nominal
-        self.places_u = np.array(model.elements_m or ((0.0, 0.0, 0.0),))
+        self._places_u = np.array(model.elements_m or ((0.0, 0.0, 0.0),))
         self._l_bu_b = np.array(model.lever_arm_m) + self.errors.lever_arm
         c = scenario.true_sound_speed_m_s or scenario.sound_speed_m_s
-        places_b = self._l_bu_b + self.places_u @ self._C_bu.T
+        self._places_b = self._l_bu_b + self._places_u @ self._C_bu.T
         self.ear = Ear(trajectory, self._l_bu_b, c)
-        self.elements = [Ear(trajectory, l_b, c) for l_b in places_b]
 
     def angles(self, t_rx: Array, b_e: Array) -> tuple[Array, Array]:
         """True bearing and elevation in the true array axes, with the constant offsets."""
@@ -147,6 +196,33 @@ class _MovingArray:
         x, y, z = np.moveaxis(r_b @ self._C_bu, -1, 0)
         bearing = np.arctan2(y, x) + self.errors.bearing
         return bearing, np.arctan2(-z, np.hypot(x, y)) + self.errors.elevation
+
+    def arrivals(self, ways: Ways) -> Array:
+        """How much later than the array's origin each element hears it, (n, elements) s."""
+        places_b = np.broadcast_to(self._places_b, (ways.t_rx.size, *self._places_b.shape))
+        later = np.zeros(places_b.shape[:2])
+        for _ in range(_ROUNDS):
+            pose = self.ear.trajectory.pose((ways.t_rx[:, None] + later).ravel())
+            r_e = pose.r_e + np.einsum("nij,nj->ni", pose.C_eb, places_b.reshape(-1, 3))
+            way = np.linalg.norm(r_e.reshape(places_b.shape) - ways.b_e[:, None], axis=-1)
+            later = (ways.t_reply - ways.t_rx)[:, None] + way / self.ear.sound_speed
+        return later
+
+    def echo(self, bearing: Array, elevation: Array) -> Array:
+        """The same of a wave from a direction, the array at rest."""
+        later: Array = -direction(bearing, elevation) @ self._places_u.T / self.ear.sound_speed
+        return later
+
+    def rates(self, ways: Ways) -> Array:
+        """Range rate of each element, (n, elements) m/s."""
+
+        def distances(t: Array) -> Array:
+            pose = self.ear.trajectory.pose(t)
+            r_e = pose.r_e[:, None] + np.einsum("nij,kj->nki", pose.C_eb, self._places_b)
+            b_e = ways.b_e + (t - ways.t_rx)[:, None] * ways.v_e
+            return np.asarray(np.linalg.norm(r_e - b_e[:, None], axis=-1))
+
+        return slope(distances, ways.t_rx)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,34 +235,6 @@ class _Noise:
     element_rates: Array
     outlier: Mask
     heard: Mask
-
-
-def _draw_noise(scenario: Scenario, name: str, model: UsblModel, t_ping: Array) -> _Noise:
-    """White noise, multipath and missed replies; the same draws whatever is switched on."""
-
-    def rng(what: str) -> np.random.Generator:  # one each: a longer run begins like a shorter one
-        return generator(scenario.seed, name, what)
-
-    n, elements = t_ping.size, max(1, len(model.elements_m))
-    white = rng("noise").standard_normal((n, 3))
-    outlier = rng("outlier").random(n) < model.outliers.probability
-    outlier |= astray(scenario, name, t_ping)
-    heard = rng("missed").random(n) >= model.missed_probability
-    longer = model.outliers.extra_range_m * rng("longer").standard_exponential(n)
-    aside = np.deg2rad(model.outliers.angle_deg) * rng("aside").standard_normal((n, 2))
-    arrival = rng("arrival").standard_normal((n, elements))
-    rate = model.noise.range_rate_m_s * rng("rate").standard_normal(n)
-    rates = model.noise.range_rate_m_s * rng("element rates").standard_normal((n, elements))
-    return _Noise(
-        bearing=np.deg2rad(model.noise.bearing_deg) * white[:, 0] + outlier * aside[:, 0],
-        elevation=np.deg2rad(model.noise.elevation_deg) * white[:, 1] + outlier * aside[:, 1],
-        slant_range=model.noise.range_m * white[:, 2] + outlier * longer,
-        arrival=1e-6 * model.element_noise_us * arrival,
-        range_rate=rate,
-        element_rates=rates,
-        outlier=outlier,
-        heard=heard,
-    )
 
 
 def _wrap(angle: Array) -> Array:

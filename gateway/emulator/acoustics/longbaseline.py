@@ -13,7 +13,7 @@ from gateway.emulator.acoustics.timing import latencies, shown
 from gateway.emulator.acoustics.water import Ear, Mask, moorings
 from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import LblModel, Scenario
-from gateway.emulator.streams import Emission, generator
+from gateway.emulator.streams import Draws, Emission, generator
 from gateway.emulator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -67,18 +67,16 @@ def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Traj
     c = scenario.true_sound_speed_m_s or scenario.sound_speed_m_s
     ear = Ear(trajectory, np.array(model.lever_arm_m) + constants.lever_arm, c)
     t_ping = np.arange(0.0, scenario.duration_s, model.period_s)
-    ways = [ear.ask(t_ping, beacon) for beacon in beacons]
+    ways = [ear.ask(t_ping, model.period_s, beacon) for beacon in beacons]
     travel_time = np.stack([way.one_way for way in ways], axis=-1)
     rate = np.stack([ear.range_rate(way.t_rx, way.b_e, way.v_e) for way in ways], axis=-1)
     asked = np.ones(rate.shape, np.bool_)
     if model.asks == "in_turn":
         asked = np.arange(t_ping.size)[:, None] % len(beacons) == np.arange(len(beacons))
 
-    def rng(what: str) -> np.random.Generator:
-        return generator(scenario.seed, name, what)
-
+    rng = Draws(scenario.seed, name)
     outlier = rng("outlier").random(asked.shape) < model.outliers.probability
-    outlier |= astray(scenario, name, t_ping)[:, None]
+    outlier |= astray(scenario, name, t_ping, model.period_s, rng)[:, None]
     error_m = model.noise.range_m * rng("noise").standard_normal(asked.shape)
     longer = model.outliers.extra_range_m * rng("longer").standard_exponential(asked.shape)
     error_m += outlier * longer
@@ -116,7 +114,7 @@ def lbl_records(
     """What it says until the scenario ends, by the time at which it leaves (s)."""
     replies = interrogate(scenario, name, model, trajectory)
     error_s = lbl_constants(scenario, name, model).latency
-    late = latencies(scenario.seed, name, model, replies.t_ping.size, error_s)
+    late = latencies(Draws(scenario.seed, name), model, replies.t_ping.size, error_s)
     wait_s = timeout_s(model, scenario.sound_speed_m_s)
     said: list[Timed] = []
     told_s = shown(scenario, name, model.time, replies.t_ping, start_unix_s)

@@ -1,5 +1,6 @@
 """An array's measurements as sentences in its own format, in the order they leave it."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import Literal
@@ -11,16 +12,19 @@ from numpy.typing import NDArray
 
 from drivers import registry
 from drivers.records import Record, TimeDifference, UsblRecord
-from gateway.emulator.acoustics.array import Fixes, acoustic_errors, measure
+from gateway.emulator.acoustics.array import Fixes, Listening, acoustic_errors
 from gateway.emulator.acoustics.timing import latencies, shown
 from gateway.emulator.acoustics.topside import Sightings, sightings
 from gateway.emulator.scenario import LblModel, Message, Scenario, UsblModel, codec_options
-from gateway.emulator.streams import Emission
+from gateway.emulator.streams import Draws, Emission
 from gateway.emulator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Timed = tuple[float, UsblRecord]
 """When its first byte leaves (s), and what it says."""
+
+_BLOCK_PINGS = 16
+"""So many are computed at once: ten milliseconds or so, whatever the scenario's length."""
 
 
 def usbl_stream(
@@ -42,25 +46,27 @@ def usbl_stream(
 
 def records(
     scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory, start_unix_s: float
-) -> list[Timed]:
+) -> Iterator[Timed]:
     """What the array says until the scenario ends, by the time at which it leaves (s)."""
-    fixes = measure(scenario, name, model, trajectory)
-    seen = sightings(scenario, name, model, trajectory, fixes)
-
-    def clock(t: Array) -> list[float]:
-        return shown(scenario, name, model.time, t, start_unix_s)
-
-    heard = Heard(model, scenario.sound_speed_m_s, fixes, seen, clock(fixes.t_rx))
+    draws = Draws(scenario.seed, name)
     error_s = acoustic_errors(scenario, name, model).latency
-    late = latencies(scenario.seed, name, model, len(fixes.beacon), error_s)
-    said = list(_about_replies(model, fixes, heard, late))
-    if model.no_reply is not None:
-        wait_s = timeout_s(model, scenario.sound_speed_m_s) + 1e-3 * model.clock.latency_ms
-        told_s = clock(np.array([t for t, _ in fixes.unanswered]))
-        for (t, beacon), t_told_s in zip(fixes.unanswered, told_s, strict=True):
-            said.append((t + wait_s, heard.nothing(beacon, t_told_s)))
-    in_time = (timed for timed in said if timed[0] <= scenario.duration_s)
-    return sorted(in_time, key=itemgetter(0))
+    waiting: list[Timed] = []
+    for fixes, t_settled in Listening(scenario, name, model, trajectory).blocks(_BLOCK_PINGS):
+        seen = sightings(scenario, draws, model, trajectory, fixes)
+        told_s = shown(scenario, name, model.time, fixes.t_rx, start_unix_s)
+        heard = Heard(model, scenario.sound_speed_m_s, fixes, seen, told_s)
+        late = latencies(draws, model, len(fixes.beacon), error_s)
+        waiting += _about_replies(model, fixes, heard, late)
+        if model.no_reply is not None:
+            wait_s = timeout_s(model, scenario.sound_speed_m_s) + 1e-3 * model.clock.latency_ms
+            asked = np.array([t for t, _ in fixes.unanswered])
+            told_s = shown(scenario, name, model.time, asked, start_unix_s)
+            for (t, beacon), t_told_s in zip(fixes.unanswered, told_s, strict=True):
+                waiting.append((t + wait_s, heard.nothing(beacon, t_told_s)))
+        waiting.sort(key=itemgetter(0))
+        settled = bisect_left(waiting, t_settled, key=itemgetter(0))
+        yield from (timed for timed in waiting[:settled] if timed[0] <= scenario.duration_s)
+        del waiting[:settled]
 
 
 def _about_replies(model: UsblModel, fixes: Fixes, heard: "Heard", late: Array) -> Iterator[Timed]:

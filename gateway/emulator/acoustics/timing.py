@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from gateway.emulator.faults.clocks import ahead
 from gateway.emulator.scenario import LblModel, Scenario, ToldTime, UsblModel
-from gateway.emulator.streams import generator
+from gateway.emulator.streams import Draws
 
 Array = NDArray[np.float64]
 
@@ -21,14 +21,14 @@ def shown(
     return whole
 
 
-def latencies(seed: int, name: str, model: UsblModel | LblModel, n: int, error_s: float) -> Array:
-    """From each of ``n`` moments of measurement to the first byte, (n,) s.
+def latencies(draws: Draws, model: UsblModel | LblModel, n: int, error_s: float) -> Array:
+    """From each of the next ``n`` moments of measurement to the first byte, (n,) s.
 
     Parameters
     ----------
     error_s
         True less stated latency.
     """
-    jitter = generator(seed, name, "jitter").standard_exponential(n)
+    jitter = draws("jitter").standard_exponential(n)
     late: Array = 1e-3 * (model.clock.latency_ms + model.jitter_ms * jitter) + error_s
     return np.maximum(late, 0.0)

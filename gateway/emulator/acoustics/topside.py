@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gateway.emulator.acoustics.array import Fixes, direction
 from gateway.emulator.scenario import Scenario, UsblModel
-from gateway.emulator.streams import generator
+from gateway.emulator.streams import Draws
 from gateway.emulator.trajectory import Geodetic, Trajectory
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler
@@ -31,14 +31,14 @@ class Sightings:
 
 
 def sightings(
-    scenario: Scenario, name: str, model: UsblModel, trajectory: Trajectory, fixes: Fixes
+    scenario: Scenario, draws: Draws, model: UsblModel, trajectory: Trajectory, fixes: Fixes
 ) -> Sightings:
     """The fixes in the model's axes, turned by the attitude at the moment of the reply."""
     xyz_u = fixes.slant_range[:, None] * direction(fixes.bearing, fixes.elevation)
     if model.axes == "array":
         return Sightings(fixes.bearing, fixes.elevation, xyz_u)
     C_bu = C_from_euler(*np.deg2rad(model.mounting_deg))
-    C_nu = _own_attitude(scenario.seed, name, model, trajectory.geodetic(fixes.t_rx)) @ C_bu
+    C_nu = _own_attitude(draws, model, trajectory.geodetic(fixes.t_rx)) @ C_bu
     xyz = np.einsum("nij,nj->ni", C_nu, xyz_u)
     if model.axes == "level":
         heading = np.arctan2(C_nu[:, 1, 0], C_nu[:, 0, 0])
@@ -46,14 +46,14 @@ def sightings(
     x, y, z = np.moveaxis(xyz, -1, 0)
     polar = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
     if model.axes == "earth":
-        return Sightings(*polar, xyz, _on_earth(scenario, name, model, trajectory, fixes, xyz))
+        return Sightings(*polar, xyz, _on_earth(scenario, draws, model, trajectory, fixes, xyz))
     return Sightings(*polar, xyz)
 
 
-def _own_attitude(seed: int, name: str, model: UsblModel, truth: Geodetic) -> Array:
+def _own_attitude(draws: Draws, model: UsblModel, truth: Geodetic) -> Array:
     """``C_nb`` as the instrument's motion sensor has it, (n, 3, 3)."""
     sigma = np.array([model.noise.tilt_deg, model.noise.tilt_deg, model.noise.heading_deg])
-    white = generator(seed, name, "own attitude").standard_normal((truth.roll.size, 3))
+    white = draws("own attitude").standard_normal((truth.roll.size, 3))
     turn_n = Rotation.from_rotvec(np.deg2rad(np.array(model.errors.attitude_deg) + sigma * white))
     told: Array = turn_n.as_matrix() @ C_from_euler(truth.roll, truth.pitch, truth.heading)
     return told
@@ -61,7 +61,7 @@ def _own_attitude(seed: int, name: str, model: UsblModel, truth: Geodetic) -> Ar
 
 def _on_earth(
     scenario: Scenario,
-    name: str,
+    draws: Draws,
     model: UsblModel,
     trajectory: Trajectory,
     fixes: Fixes,
@@ -71,7 +71,7 @@ def _on_earth(
     pose = trajectory.pose(fixes.t_rx)
     r_e = pose.r_e + pose.C_eb @ np.array(model.lever_arm_m)
     lat, lon, _ = earth.ecef_to_lla(r_e)
-    white = generator(scenario.seed, name, "own place").standard_normal(xyz_n.shape)
+    white = draws("own place").standard_normal(xyz_n.shape)
     error_n = np.array(model.place.offset_m) + np.array(model.place.noise_m) * white
     b_e = r_e + np.einsum("nij,nj->ni", earth.C_en(lat, lon), error_n + xyz_n)
     lat, lon, h = earth.ecef_to_lla(b_e)

@@ -1,5 +1,6 @@
 """The way of sound between a beacon, moored or moving, and a point that a vehicle carries."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,17 @@ from gateway.nav import earth
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FIXED_POINT_ROUNDS = 8
-"""Each gains a factor c / v, more than 100: far beyond rounding."""
+_ROUNDS = 7
+"""Each gains a factor c / v, more than 100: beyond rounding."""
 _STEP_S = 0.01
 _SLOPE = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 """Steps and weights of a slope that is exact for polynomials of the fourth degree."""
+
+
+def slope(of: Callable[[Array], Array], t: Array) -> Array:
+    """Derivative by the time, of the shape of ``of(t)``."""
+    parts = [weight / _STEP_S * of(t + step * _STEP_S) for step, weight in _SLOPE]
+    return np.asarray(np.sum(parts, axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +55,22 @@ class Ear:
         Heard at t_rx, sent at t_tx = t_rx - R(t_rx) / c: each second heard lasted 1 - R' / c. That
         of a beacon which moves with ``v_e`` (n, 3) m/s is right to v / c of its own part.
         """
-        slope: Array = sum(
-            (
-                weight / _STEP_S * self.distance(t + step * _STEP_S, b_e + step * _STEP_S * v_e)
-                for step, weight in _SLOPE
-            ),
-            start=np.zeros(t.shape),
-        )
-        return slope
+        return slope(lambda at: self.distance(at, b_e + (at - t)[:, None] * v_e), t)
 
     def hears(self, t_sent: Array, b_e: Array) -> Array:
         """When sound that a beacon sends arrives, (n,) s."""
         t = t_sent
-        for _ in range(_FIXED_POINT_ROUNDS + 1):
+        for _ in range(_ROUNDS):
             t = t_sent + self.distance(t, b_e) / self.sound_speed
         return t
 
-    def ask(self, t_ping: Array, beacon: "Mooring | Mover") -> "Ways":
+    def ask(self, t_ping: Array, period_s: float, beacon: "Mooring | Mover") -> "Ways":
         """Sound to a beacon and back; a one-way beacon sends at the ping's moment by itself."""
         reply = beacon.replies(self, t_ping)
         t_rx = self.hears(reply.t, reply.b_e)
         both = 0.5 * (t_rx - t_ping - beacon.turnaround)
         one_way = both if beacon.two_way else t_rx - reply.t
-        return Ways(reply.b_e, reply.v_e, reply.t, t_rx, one_way, beacon.answers(t_ping))
+        return Ways(reply.b_e, reply.v_e, reply.t, t_rx, one_way, beacon.answers(t_ping, period_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,9 @@ class Ways:
     answered: Mask
 
     @classmethod
-    def in_turn(cls, ear: Ear, t_ping: Array, asked: "list[Mooring | Mover]") -> "Ways":
+    def in_turn(
+        cls, ear: Ear, t_ping: Array, period_s: float, asked: "list[Mooring | Mover]"
+    ) -> "Ways":
         """The first ping to the first beacon, and so on."""
         n = t_ping.size
         t_reply, t_rx, one_way = np.empty((3, n))
@@ -107,7 +109,7 @@ class Ways:
         whole = cls(b_e, v_e, t_reply, t_rx, one_way, np.empty(n, np.bool_))
         for k, beacon in enumerate(asked):
             rows = slice(k, None, len(asked))
-            part = ear.ask(t_ping[rows], beacon)
+            part = ear.ask(t_ping[rows], len(asked) * period_s, beacon)
             whole.b_e[rows], whole.v_e[rows] = part.b_e, part.v_e
             whole.t_reply[rows] = part.t_reply
             whole.t_rx[rows], whole.one_way[rows] = part.t_rx, part.one_way
@@ -139,9 +141,9 @@ class Mooring:
         moved: Array = r_e + dragged(self._scenario, self.name, t) @ earth.C_en(lat, lon).T
         return moved
 
-    def answers(self, t: Array) -> Mask:
-        """Whether it answers pings at ascending times, (n,)."""
-        return ~dead(self._scenario, self.name, t)
+    def answers(self, t: Array, period_s: float) -> Mask:
+        """Whether it answers pings at these times, one a period, (n,)."""
+        return ~dead(self._scenario, self.name, t, period_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,15 +160,15 @@ class Mover:
         """What it sends to pings, from where it is by then."""
         t_hit, away = t_ping, ear.position(t_ping)
         if self.two_way:
-            for _ in range(_FIXED_POINT_ROUNDS):
+            for _ in range(_ROUNDS):
                 path = np.linalg.norm(away - self._trajectory.pose(t_hit).r_e, axis=-1)
                 t_hit = t_ping + path / ear.sound_speed
             t_hit = t_hit + self.turnaround
         return Reply(t_hit, *self._trajectory.point(t_hit, (0.0, 0.0, 0.0)))
 
-    def answers(self, t: Array) -> Mask:
-        """Whether it answers pings at ascending times, (n,)."""
-        return ~dead(self._scenario, self.name, t)
+    def answers(self, t: Array, period_s: float) -> Mask:
+        """Whether it answers pings at these times, one a period, (n,)."""
+        return ~dead(self._scenario, self.name, t, period_s)
 
 
 def moorings(scenario: Scenario, asked: tuple[str, ...]) -> list[Mooring | Mover]:

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.emulator.faults.occasions import Occasions, begins
+from gateway.emulator.faults.occasions import begins
 from gateway.emulator.scenario import Scenario
 from gateway.emulator.scenario.faults import BeaconDead, BeaconMoved, Multipath
-from gateway.emulator.streams import generator
+from gateway.emulator.streams import Draws
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,23 +22,26 @@ def dragged(scenario: Scenario, beacon: str, t: Array) -> Array:
     return away
 
 
-def dead(scenario: Scenario, beacon: str, t: Array) -> Mask:
-    """Whether a beacon leaves pings at ascending times (n,) s without an answer."""
+def dead(scenario: Scenario, beacon: str, t: Array, period_s: float) -> Mask:
+    """Whether a beacon leaves pings at times (n,) s, one a period, without an answer."""
     silent = np.zeros(t.size, np.bool_)
     for k, fault in enumerate(scenario.faults):
         if isinstance(fault, BeaconDead) and fault.beacon == beacon:
-            when = Occasions(begins(scenario, k), fault.for_s)
-            silent |= [when.strike(at) for at in t.tolist()]
+            silent |= _struck(begins(scenario, k), fault.for_s or period_s, t)
     return silent
 
 
-def astray(scenario: Scenario, name: str, t: Array) -> Mask:
-    """Whether the replies to pings at ascending times (n,) s reach a device by other ways."""
-    struck = np.zeros(t.size, np.bool_)
+def astray(scenario: Scenario, name: str, t: Array, period_s: float, draws: Draws) -> Mask:
+    """Whether the replies to pings at times (n,) s, one a period, reach a device by other ways."""
+    echoed = np.zeros(t.size, np.bool_)
     for k, fault in enumerate(scenario.faults):
         if isinstance(fault, Multipath) and fault.device == name:
-            when = Occasions(begins(scenario, k), fault.for_s)
-            by_chance = generator(scenario.seed, "faults", str(k), "draws").random(t.size)
-            met = np.array([when.strike(at) for at in t.tolist()], np.bool_)
-            struck |= met & (by_chance < fault.probability)
+            chosen = draws(f"multipath {k}").random(t.size) < fault.probability
+            echoed |= chosen & _struck(begins(scenario, k), fault.for_s or period_s, t)
+    return echoed
+
+
+def _struck(begin: Array, for_s: float, t: Array) -> Mask:
+    since = t[:, None] - begin
+    struck: Mask = np.any((since >= 0.0) & (since < for_s), axis=1)
     return struck
