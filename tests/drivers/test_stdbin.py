@@ -234,6 +234,13 @@ def test_navigation_of_no_numbers() -> None:
         assert "nan" not in repr(record).lower()
 
 
+@pytest.mark.parametrize("begin", [b"IX\x05" + bytes(14) + b"\xff\xff", b"AN\x05\xff\xff"])
+def test_a_length_beyond_belief_is_not_waited_for(begin: bytes) -> None:
+    reader = STDBIN.decoder(StdbinOptions())
+    records = reader.feed(begin + STDBIN.encode(SAMPLE, StdbinOptions()), 0)
+    assert [type(record).__name__ for record in records] == ["Rejected", "ImuRecord"]
+
+
 def test_manual_gnss_is_not_measured() -> None:
     block = struct.pack(">iBBdd6f", 0, 2, 4, 48.5, 2.0, 10.0, 1, 1, 1, 0, 0)
     (record,) = read(telegram((0, 0, 1 << 3), block), geoid_m=45.0)

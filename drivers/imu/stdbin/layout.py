@@ -70,8 +70,12 @@ class Layout(NamedTuple):
         return len(telegram) == self.size or (not self.is_whole and len(telegram) > self.size)
 
 
+LONGEST = 4096
+"""Bytes that are waited for: all known blocks together take 1.2 kB."""
+
+
 def measure(data: bytes, at: int) -> int | None:
-    """Bytes of the telegram or answer that begins at `at`."""
+    """Bytes of the telegram or answer that begins at `at`; a length beyond belief is none."""
     if len(data) < at + 5:
         return None
     version = data[at + 2]
@@ -79,12 +83,12 @@ def measure(data: bytes, at: int) -> int | None:
         return 0
     if data[at] == ANSWER[0]:
         size = data[at + 3] << 8 | data[at + 4]
-        return size if size >= 5 + SUM else 0
+        return size if 5 + SUM <= size <= LONGEST else 0
     place = at + _MASKS_END[version]
     if len(data) < place + 2:
         return None
     size = data[place] << 8 | data[place + 1]
-    return size if size >= _HEADERS[version].size + SUM else 0
+    return size if _HEADERS[version].size + SUM <= size <= LONGEST else 0
 
 
 def holds(telegram: bytes) -> bool:
