@@ -12,6 +12,8 @@ import msgspec
 from gateway.modes import Mode
 
 Vec3 = tuple[float, float, float]
+Covariance3 = tuple[float, float, float, float, float, float]
+"""Three variances, then the covariances of first and second, first and third, second and third."""
 
 
 class ImuBlock(msgspec.Struct, frozen=True, array_like=True, tag="imu"):
@@ -208,9 +210,9 @@ class Innovation(msgspec.Struct, frozen=True, array_like=True, tag="innovation")
 class TargetSighting(msgspec.Struct, frozen=True, array_like=True, tag="sighting"):
     """Where a beacon that is followed was when it replied (WGS84, rad, m), by one fix.
 
-    ``t_ns`` is the reply's own time, earlier than that of the fix. ``cov`` holds the variances of
-    north, east, down and the covariances north-east, north-down, east-down (m^2), our own
-    uncertainty in them.
+    ``t_ns`` is the reply's own time, earlier than that of the fix. Covariances are the variances of
+    north, east, down and then north-east, north-down, east-down (m^2): ``cov`` of the fix alone,
+    ``own_cov`` of our own state, which all fixes of a while share.
     """
 
     accepted: ClassVar[bool] = False
@@ -222,7 +224,8 @@ class TargetSighting(msgspec.Struct, frozen=True, array_like=True, tag="sighting
     lat: float
     lon: float
     h: float
-    cov: tuple[float, float, float, float, float, float]
+    cov: Covariance3
+    own_cov: Covariance3
 
 
 Verdict = Innovation | TargetSighting

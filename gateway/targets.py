@@ -1,18 +1,20 @@
 """Tracks of what moves and is heard: a constant velocity, disturbed by white acceleration.
 
 Sightings come late and out of order; each is put in its place, and what came after it is worked in
-again, so that the track does not depend on the order of arrival.  # (M.173)-(M.175)
+again, so that the track does not depend on the order of arrival. What we do not know of our own
+place is the same in all sightings of a while: averaging makes it no smaller, so it is kept apart
+and added to what is told.  # (M.173)-(M.176)
 """
 
 from bisect import insort
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import Target
-from gateway.messages import TargetSighting, Vec3
+from gateway.messages import Covariance3, TargetSighting, Vec3
 from gateway.nav.earth import C_en, ecef_to_lla, lla_to_ecef
 
 Array = NDArray[np.float64]
@@ -62,20 +64,23 @@ class _State:
     x: Array
     P: Array
     used_ns: int
+    own: Array
+    """(3, 3) what was not known of ourselves at the last sighting that was used; not in ``P``."""
     refused: list[Array] = field(default_factory=list)
     """Places refused since."""
 
     def copy(self) -> "_State":
-        return _State(self.t_ns, self.x.copy(), self.P.copy(), self.used_ns, list(self.refused))
+        return replace(self, x=self.x.copy(), P=self.P.copy(), refused=list(self.refused))
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A sighting (3,), (3, 3) in the axes of the origin."""
+    """A sighting (3,) in the axes of the origin, (3, 3) of the fix and of ourselves."""
 
     t_ns: int
     place: Array
     R: Array
+    own: Array
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,7 @@ class Track:
             self._origin_e = lla_to_ecef(found.lat, found.lon, found.h)
             self._C_en = C_en(found.lat, found.lon)
         place = self._C_en.T @ (lla_to_ecef(found.lat, found.lon, found.h) - self._origin_e)
-        seen = _Seen(found.t_ns, place, _covariance(found.cov))
+        seen = _Seen(found.t_ns, place, _covariance(found.cov), _covariance(found.own_cov))
         if self._before is not None and seen.t_ns <= self._before.t_ns:
             return False
         insort(self._seen, seen, key=lambda one: one.t_ns)
@@ -152,10 +157,10 @@ class Track:
         state = self._carried(self._now, max(t_ns, self._now.t_ns))
         lat, lon, h = ecef_to_lla(self._origin_e + self._C_en @ state.x[:3])
         north, east, down = state.x[3:].tolist()
+        P = state.P.copy()
+        P[:3, :3] += state.own
         age_s = (t_ns - state.used_ns) * 1e-9
-        return TrackedPlace(
-            t_ns, float(lat), float(lon), float(h), (north, east, down), state.P, age_s
-        )
+        return TrackedPlace(t_ns, float(lat), float(lon), float(h), (north, east, down), P, age_s)
 
     def _settle(self, horizon_ns: int) -> None:
         """Work in for good what is so old that nothing older will come."""
@@ -179,15 +184,15 @@ class Track:
         state = self._carried(state, one.t_ns)
         S = state.P[:3, :3] + one.R
         residual = one.place - state.x[:3]
-        if residual @ np.linalg.solve(S, residual) > GATE:
+        if residual @ np.linalg.solve(S + one.own, residual) > GATE:
             state.refused.append(one.place)
-            return _begun(one) if _agree(state.refused, one.R) else state
+            return _begun(one) if _agree(state.refused, one.R + one.own) else state
         K = np.linalg.solve(S, state.P[:3]).T
         state.x += K @ residual
         I_KH = np.eye(6)
         I_KH[:, :3] -= K
         state.P = I_KH @ state.P @ I_KH.T + K @ one.R @ K.T
-        state.used_ns, state.refused = one.t_ns, []
+        state.used_ns, state.own, state.refused = one.t_ns, one.own, []
         return state
 
     def _carried(self, state: _State, t_ns: int) -> _State:
@@ -207,7 +212,7 @@ def _begun(one: _Seen) -> _State:
     P = np.zeros((6, 6))
     P[:3, :3] = one.R
     P[3:, 3:] = FIRST_SPEED_M_S**2 * np.eye(3)
-    return _State(one.t_ns, np.array([*one.place, 0.0, 0.0, 0.0]), P, one.t_ns)
+    return _State(one.t_ns, np.array([*one.place, 0.0, 0.0, 0.0]), P, one.t_ns, one.own)
 
 
 def _agree(refused: list[Array], R: Array) -> bool:
@@ -219,6 +224,6 @@ def _agree(refused: list[Array], R: Array) -> bool:
     return bool(np.linalg.norm(last - last[-1], axis=1).max() < reach)
 
 
-def _covariance(cov: tuple[float, float, float, float, float, float]) -> Array:
+def _covariance(cov: Covariance3) -> Array:
     nn, ee, dd, ne, nd, ed = cov
     return np.array([[nn, ne, nd], [ne, ee, ed], [nd, ed, dd]])

@@ -22,6 +22,7 @@ from gateway.emulator.scenario import (
     Scenario,
     SerialPort,
     TcpServerPort,
+    Track,
     UdpPort,
     UsblModel,
     Waypoints,
@@ -82,30 +83,39 @@ def _impossible(scenario: Scenario) -> Iterator[str]:
         if isinstance(fault, BeaconDead | BeaconMoved):
             if fault.beacon not in scenario.beacons:
                 yield f'faults[{k}].beacon: no beacon is called "{fault.beacon}"'
+            elif isinstance(fault, BeaconMoved) and fault.beacon in scenario.mobile:
+                yield f'faults[{k}].beacon: "{fault.beacon}" moves by its own trajectory'
         elif fault.device not in scenario.devices:
             yield f"faults[{k}].device: no device is called {fault.device}"
 
 
 def _with_waypoints(scenario: Scenario, folder: Path, faults: list[str]) -> Scenario:
-    """The scenario with the points of its file, and whether a way leads past them."""
-    track, found = scenario.trajectory, list[str]()
-    if isinstance(track, Waypoints) and track.file is not None:
-        if track.points:
-            found.append("points: there is a file as well")
-        points = read_waypoints(folder / track.file, scenario.surface_height_m, found)
-        track = msgspec.structs.replace(track, file=None, points=points)
-    if not found:
-        try:
-            way_of(track, 0.0)
-        except ValueError as error:
-            found.append(str(error))
-    faults.extend(f"trajectory.{fault}" for fault in found)
-    for address, mobile in scenario.mobile.items():
-        try:
-            way_of(mobile.trajectory, 0.0)
-        except ValueError as error:
-            faults.append(f"beacons.{address}.trajectory.{error}")
-    return msgspec.structs.replace(scenario, trajectory=track)
+    """The scenario with the points of its files, and whether a way leads past each of them."""
+
+    def read(track: Track, path: str) -> Track:
+        found = list[str]()
+        if isinstance(track, Waypoints) and track.file is not None:
+            if track.points:
+                found.append("points: there is a file as well")
+            points = read_waypoints(folder / track.file, scenario.surface_height_m, found)
+            track = msgspec.structs.replace(track, file=None, points=points)
+        if not found:
+            try:
+                way_of(track, 0.0)
+            except ValueError as error:
+                found.append(str(error))
+        faults.extend(f"{path}.{fault}" for fault in found)
+        return track
+
+    moving = {
+        n: msgspec.structs.replace(b, trajectory=read(b.trajectory, f"beacons.{n}.trajectory"))
+        for n, b in scenario.mobile.items()
+    }
+    return msgspec.structs.replace(
+        scenario,
+        trajectory=read(scenario.trajectory, "trajectory"),
+        beacons=scenario.beacons | moving,
+    )
 
 
 def _missing(scenario: Scenario) -> Iterator[str]:

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from gateway.engine import Track
 from gateway.fusion import loose
 from gateway.fusion.axes import told_axes
-from gateway.fusion.kalman import innovation_covariance
 from gateway.fusion.kinematics import earlier
 from gateway.fusion.observation import Model, departure
 from gateway.fusion.ranging import Past
 from gateway.fusion.state import State
 from gateway.fusion.usbl import ArrayGeometry, Sighting, direction, turned_back
-from gateway.messages import TargetSighting, UsblFix
+from gateway.messages import Covariance3, TargetSighting, UsblFix
 from gateway.nav.earth import ecef_to_lla
 
 Array = NDArray[np.float64]
@@ -61,7 +60,6 @@ def sighting(model: Model, state: State, fix: UsblFix, track: Track) -> TargetSi
     z = loose.linearise(state, array.geometry, there, None)
     if z is None:
         return None
-    P = innovation_covariance(state.P, z)
     return TargetSighting(
         t_ns=fix.t_ns - round(found.range_m / model.sound_speed * 1e9),
         device=fix.device,
@@ -69,8 +67,15 @@ def sighting(model: Model, state: State, fix: UsblFix, track: Track) -> TargetSi
         lat=lat,
         lon=lon,
         h=h,
-        cov=(P[0, 0], P[1, 1], P[2, 2], P[0, 1], P[0, 2], P[1, 2]),
+        cov=_told(z.R),
+        own_cov=_told(z.H @ state.P @ z.H.T),
     )
+
+
+def _told(P: Array) -> Covariance3:
+    """A covariance (3, 3) as a message has it."""
+    nn, ee, dd = P.diagonal().tolist()
+    return nn, ee, dd, float(P[0, 1]), float(P[0, 2]), float(P[1, 2])
 
 
 def _place(state: State, geometry: ArrayGeometry, sight: Sighting) -> _Found | None:

@@ -6,7 +6,7 @@ import pytest
 from gateway.fusion import target, usbl
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.observation import AcousticArray, Model, Responder
-from gateway.messages import UsblFix
+from gateway.messages import Covariance3, UsblFix
 from gateway.nav import earth
 from tests.gateway.states import derivative
 from tests.gateway.test_fusion_usbl import SIGMA, Case, case
@@ -86,14 +86,19 @@ def test_its_covariance_is_that_of_the_fix_and_of_ourselves(seed: int) -> None:
             for h in np.diag(steps)
         ]
     )
-    expected = by_state @ of.state.P @ by_state.T + by_rows @ np.diag(SIGMA**2) @ by_rows.T
+    own = by_state @ of.state.P @ by_state.T
+    of_fix = by_rows @ np.diag(SIGMA**2) @ by_rows.T
     fix = UsblFix(T_NS, "usbl0", "2", *rows.tolist())
     found = target.sighting(model(of), of.state, fix, Was(of))
     assert found is not None
-    nn, ee, dd, ne, nd, ed = found.cov
-    told = np.array([[nn, ne, nd], [ne, ee, ed], [nd, ed, dd]])
     # The ways of (M.83) are taken to a beacon that stays: off by the array's way over the range.
-    np.testing.assert_allclose(told, expected, atol=1e-2 * np.trace(expected))
+    for told, expected in ((found.own_cov, own), (found.cov, of_fix)):
+        np.testing.assert_allclose(square(told), expected, atol=1e-2 * np.trace(expected))
+
+
+def square(told: Covariance3) -> np.ndarray:
+    nn, ee, dd, ne, nd, ed = told
+    return np.array([[nn, ne, nd], [ne, ee, ed], [nd, ed, dd]])
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2])

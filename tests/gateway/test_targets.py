@@ -13,6 +13,7 @@ LAT, LON, H = np.radians(60.0), np.radians(5.0), -80.0
 MOTION = Motion(0.05, 30.0)
 SD = np.array([1.0, 1.5, 0.7])
 EVERY_NS = 2_000_000_000
+NONE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def at(n_m: np.ndarray) -> tuple[float, float, float]:
@@ -23,7 +24,7 @@ def at(n_m: np.ndarray) -> tuple[float, float, float]:
 
 def sighting(t_ns: int, n_m: np.ndarray, sd: np.ndarray = SD) -> TargetSighting:
     nn, ee, dd = (sd**2).tolist()
-    return TargetSighting(t_ns, "usbl0", "2", *at(n_m), (nn, ee, dd, 0.0, 0.0, 0.0))
+    return TargetSighting(t_ns, "usbl0", "2", *at(n_m), (nn, ee, dd, 0.0, 0.0, 0.0), NONE)
 
 
 def voyage(seed: int, count: int = 60) -> tuple[np.ndarray, np.ndarray, list[TargetSighting]]:
@@ -148,3 +149,20 @@ def test_a_sighting_after_it_was_lost_begins_it_anew() -> None:
     found = track.at(t_ns)
     assert found is not None
     assert np.linalg.norm(error(found, far, np.zeros(3))) < 1e-3
+
+
+def test_what_all_sightings_share_is_not_averaged_away() -> None:
+    """Sightings that are all as far off as we are: the track stays so, and says so."""
+    shared = np.array([2.0, -1.0, 0.5])
+    quiet = Motion(0.002, 30.0)
+    track, unaware = Track(quiet), Track(quiet)
+    for k in range(1, 61):
+        one = sighting(k * EVERY_NS, shared, np.full(3, 0.5))
+        track.take(msgspec.structs.replace(one, own_cov=(4.0, 1.0, 0.25, 0.0, 0.0, 0.0)))
+        unaware.take(one)
+    found, claimed = track.at(60 * EVERY_NS), unaware.at(60 * EVERY_NS)
+    assert found is not None
+    assert claimed is not None
+    np.testing.assert_allclose(error(found, np.zeros(3), np.zeros(3))[:3], shared, atol=1e-3)
+    np.testing.assert_allclose(found.P[:3, :3] - claimed.P[:3, :3], np.diag([4.0, 1.0, 0.25]))
+    assert claimed.P[0, 0] < 0.1
