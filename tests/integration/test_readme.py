@@ -46,6 +46,7 @@ def test_ci_runs_the_rest() -> None:
         assert command in ci
 
 
+@pytest.mark.timeout(600)
 def test_commands(clone: Path) -> None:
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     listed = commands()
