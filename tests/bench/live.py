@@ -63,6 +63,8 @@ class Live:
 
     def __init__(self, folder: Path, rate_hz: float, duration_s: float, fifo: int) -> None:
         self.rate_hz, self.duration_s, self._fifo = rate_hz, duration_s, fifo
+        # The sender stands for the wire; who hears is any program.
+        self._above, self._below = (fifo + 1, fifo - 1) if fifo else (0, 0)
         self._folder = folder
         self.bare = self._bare(min(30.0, duration_s / 2.0))
         self._prepare()
@@ -121,14 +123,14 @@ class Live:
     def _play(self, stack: ExitStack) -> None:
         gateway = stack.enter_context(_gateway(self._config, self._folder))
         zenoh = stack.enter_context(
-            _end(self._folder, "hear-zenoh", self._fifo, self._endpoint, self._key)
+            _end(self._folder, "hear-zenoh", self._below, self._endpoint, self._key)
         )
         nmea = stack.enter_context(
-            _end(self._folder, "hear-nmea", self._fifo, str(self._nmea_port))
+            _end(self._folder, "hear-nmea", self._below, str(self._nmea_port))
         )
         capture = str(self._folder / "live.pcap")
         sender = stack.enter_context(
-            _end(self._folder, "send", self._fifo, str(self._config), capture)
+            _end(self._folder, "send", self._above, str(self._config), capture)
         )
         while (worker := _ask(self._config)["filter"]["pid"]) is None:  # a status of before
             time.sleep(0.1)
@@ -313,7 +315,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.live", description=__doc__)
     parser.add_argument("--duration", type=float, default=SHORT_S, metavar="S")
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ", help="of the IMU")
-    parser.add_argument("--fifo", action="store_true", help=f"all at SCHED_FIFO {FIFO}")
+    parser.add_argument(
+        "--fifo", action="store_true", help=f"at SCHED_FIFO {FIFO}, who hears one below"
+    )
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
