@@ -8,7 +8,7 @@ import msgspec
 
 from gateway.alarms import Alarm, Alarms, Severity
 from gateway.health import HealthReport
-from gateway.outputs.schema import InnovationReport, NavReport
+from gateway.outputs.schema import InnovationReport, NavReport, TargetReport
 
 TRACK = 600
 """Positions kept for the picture, one a second."""
@@ -28,6 +28,8 @@ class Heard:
         The last ones, oldest first.
     track
         Solutions about a second apart, oldest first.
+    targets
+        The last word of each target, by name.
     unread
         Messages that could not be read: they are of another version.
     """
@@ -38,6 +40,7 @@ class Heard:
         self.status: HealthReport | None = None
         self.innovations: deque[InnovationReport] = deque(maxlen=INNOVATIONS)
         self.track: deque[NavReport] = deque(maxlen=TRACK)
+        self.targets: dict[str, TargetReport] = {}
         self.unread = 0
         self._before: HealthReport | None = None
         self._alarms = Alarms()
@@ -62,6 +65,9 @@ class Heard:
                 case "innovation":
                     innovation = msgspec.json.decode(payload, type=InnovationReport)
                     self.innovations.append(innovation)
+                case _ if topic.startswith("target/"):
+                    target = msgspec.json.decode(payload, type=TargetReport)
+                    self.targets[target.name] = target
                 case _:
                     pass
         except msgspec.DecodeError:

@@ -14,7 +14,7 @@ from gateway.latency import Spread
 from gateway.modes import Mode
 from gateway.monitor.heard import Heard
 from gateway.monitor.picture import draw
-from gateway.outputs.schema import InnovationReport, NavReport
+from gateway.outputs.schema import InnovationReport, NavReport, TargetReport
 
 SMALLEST = 80, 24
 PICTURE_FROM = 112
@@ -22,6 +22,8 @@ PICTURE_FROM = 112
 PICTURE_COLUMNS = 32
 ALARMS = 4
 """Lines for alarms, at most."""
+TARGETS = 4
+"""Lines for targets, at most."""
 _MODES = {
     Mode.AIDED: "bold green",
     Mode.DEAD_RECKONING: "bold yellow",
@@ -29,6 +31,7 @@ _MODES = {
     Mode.INVALID: "bold red",
     Mode.FAULT: "bold red",
 }
+_STATES = {"tracked": "green", "coasting": "yellow", "lost": "bold red"}
 _SEVERITIES = {Severity.NOTICE: "", Severity.WARNING: "yellow", Severity.ALARM: "bold red"}
 
 
@@ -47,6 +50,10 @@ def screen(heard: Heard, width: int, height: int, beside: Sequence[str] = ()) ->
         solution = _solution(heard.nav)
         parts.append(solution)
         left -= solution.row_count + 1
+        if heard.targets:
+            targets = _targets(list(heard.targets.values()), heard.nav)
+            parts += ["", targets]
+            left -= targets.row_count + 2
     below = alarms[:ALARMS]
     if len(alarms) > ALARMS:
         below[-1] = Text(f"and {len(alarms) - ALARMS + 1} more", style="dim")
@@ -107,6 +114,25 @@ def _solution(nav: NavReport) -> Table:
     return grid
 
 
+def _targets(targets: Sequence[TargetReport], nav: NavReport) -> Table:
+    """A line each: where it is, seen from us, and since when it was not heard."""
+    table = _table("target", "", "range m", "bearing", "below m", "1 sigma m", "last fix s")
+    shown = targets if len(targets) <= TARGETS else targets[: TARGETS - 1]
+    for target in sorted(shown, key=lambda target: target.number):
+        table.add_row(
+            target.name,
+            Text(target.state, _STATES[target.state]),
+            f"{target.range_m:.1f}",
+            f"{target.bearing_deg:05.1f}",
+            f"{nav.height_m - target.height_m:.1f}",
+            f"{target.ellipse_major_m:.1f}",
+            f"{target.age_s:.0f}",
+        )
+    if len(shown) < len(targets):
+        table.add_row(f"and {len(targets) - len(shown)} more")
+    return table
+
+
 def _tables(heard: Heard, status: HealthReport, lines: int) -> tuple[list[RenderableType], int]:
     """Devices and outputs in so many lines, and how many were needed."""
     names = list(status.devices)
@@ -146,7 +172,7 @@ def _tables(heard: Heard, status: HealthReport, lines: int) -> tuple[list[Render
 def _table(*heads: str) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     for k, head in enumerate(heads):
-        numeric = k > 0 and head not in ("codec", "time by")
+        numeric = k > 0 and head not in ("", "codec", "time by")
         table.add_column(head, justify="right" if numeric else "left", no_wrap=True)
     return table
 

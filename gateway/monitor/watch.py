@@ -39,7 +39,7 @@ class Listener:
         self.heard: dict[str, Heard] = {}
         self.trouble = ""
         self._place = place
-        self._key = f"usblnav/{vehicle}/*"
+        self._key = f"usblnav/{vehicle}/*/**"
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._listen, name=BACKGROUND, daemon=True)
         self._thread.start()

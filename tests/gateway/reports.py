@@ -10,7 +10,7 @@ from gateway.health import DeviceReport, HealthReport, LinkReport
 from gateway.latency import Spread, StageReport
 from gateway.messages import FilterCounts
 from gateway.modes import Mode
-from gateway.outputs.schema import ComponentReport, InnovationReport, NavReport
+from gateway.outputs.schema import ComponentReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import RealtimeStatus
 from gateway.statefile import KeeperStatus
@@ -122,4 +122,24 @@ INNOVATION = InnovationReport(
     nis=5.25,
     accepted=True,
     reason="",
+)
+
+TARGET = TargetReport(
+    **{name: getattr(NAV, name) for name in NAV.__struct_fields__[:8]},
+    number=2,
+    name="rov",
+    beacon="2",
+    state="tracked",
+    age_s=1.0,
+    sd_n_m=2.0,
+    sd_e_m=1.0,
+    sd_d_m=0.5,
+    sd_vn_m_s=0.1,
+    sd_ve_m_s=0.1,
+    sd_vd_m_s=0.1,
+    ellipse_major_m=2.0,
+    ellipse_minor_m=1.0,
+    ellipse_deg=0.0,
+    bearing_deg=36.9,
+    range_m=500.0,
 )

@@ -11,7 +11,7 @@ from gateway.modes import Mode
 from gateway.monitor.heard import SILENT_S, Heard
 from gateway.monitor.picture import draw
 from gateway.monitor.screen import SMALLEST, screen
-from tests.gateway.reports import INNOVATION, NAV, REPORT, device, later
+from tests.gateway.reports import INNOVATION, NAV, REPORT, TARGET, device, later
 
 replace = msgspec.structs.replace
 
@@ -75,6 +75,33 @@ def test_every_size_is_kept(size: tuple[int, int]) -> None:
     lines = shown(found, *size)
     assert len(lines) <= size[1]
     assert max(map(len, lines)) <= size[0]
+
+
+def target(**changes: Any) -> tuple[str, Any]:
+    found = replace(TARGET, **changes)
+    return f"target/{found.name}", found
+
+
+def test_each_target_has_a_line() -> None:
+    away = {"range_m": 123.45, "bearing_deg": 7.25, "height_m": NAV.height_m - 80.0}
+    lost = target(name="sledge", number=1, state="lost", age_s=44.0)
+    found = heard(target(**away), ("nav", NAV), lost, target(**away, age_s=2.0))
+    lines = [line.split() for line in shown(found, *SMALLEST)]
+    at = next(k for k, line in enumerate(lines) if line[:1] == ["target"])
+    assert lines[at + 1][:2] == ["sledge", "lost"]
+    assert lines[at + 2] == ["rov", "tracked", "123.5", "007.2", "80.0", "2.0", "2"]
+    assert found.unread == 0
+
+
+def test_many_targets_leave_room_for_the_rest() -> None:
+    many = [target(name=f"rov{k}", number=k) for k in range(9)]
+    full = replace(REPORT, devices={f"device{k}": device() for k in range(9)})
+    found = heard(("nav", NAV), *many, *[("innovation", INNOVATION)] * 9, ("status", full))
+    lines = shown(found, *SMALLEST)
+    assert len(lines) <= SMALLEST[1]
+    assert max(map(len, lines)) <= SMALLEST[0]
+    assert "and 6 more" in lines
+    assert any(line.startswith("output") for line in lines)
 
 
 def test_a_gateway_that_falls_silent_is_said_first() -> None:
