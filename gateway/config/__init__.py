@@ -29,7 +29,6 @@ from gateway.config.blocks import (
     LblDevice,
     LblNoise,
     LblPrior,
-    NmeaOutput,
     Output,
     Realtime,
     Recording,
@@ -40,6 +39,7 @@ from gateway.config.blocks import (
     UsblPrior,
 )
 from gateway.config.checks import cross_faults
+from gateway.config.nmea import NmeaOutput
 from gateway.config.zenoh import MapOrigin, ZenohOutput, ZenohRos, ZenohTls
 from gateway.errors import ConfigError
 from gateway.schema import build, draft, known, read_yaml

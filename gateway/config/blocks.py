@@ -5,7 +5,8 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from drivers.settings import Link, OutputLink
+from drivers.settings import Link
+from gateway.config.nmea import Name, NmeaOutput
 from gateway.config.zenoh import ZenohOutput
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -15,16 +16,6 @@ Longitude = Annotated[float, Meta(ge=-180, le=360)]
 Triple = tuple[float, float, float]
 PositiveTriple = tuple[Positive, Positive, Positive]
 SigmaTriple = tuple[NonNegative, NonNegative, NonNegative]
-Name = Annotated[
-    str,
-    Meta(
-        pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z",
-        max_length=64,
-        description="a name of letters, digits and _ . - (at most 64)",
-    ),
-]
-
-
 DeviceKind = Literal["imu", "usbl", "lbl", "gnss", "depth", "dvl", "heading"]
 
 
@@ -290,39 +281,6 @@ class Initial(_Block, frozen=True, kw_only=True):
     sigma: StartSigma
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
     align: Align | None = None
-
-
-Sentence = Literal[
-    "GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA",
-    "GST", "GBS", "GSA", "DPT", "DBT", "DBS", "TLL", "TTM", "PUNAV",
-]  # fmt: skip
-DEPTH_SENTENCES: tuple[Sentence, ...] = ("DPT", "DBT", "DBS")
-"""They tell the vehicle's own depth below the surface."""
-TARGET_SENTENCES: tuple[Sentence, ...] = ("TLL", "TTM")
-"""They tell of everything that is followed."""
-OWN_SENTENCES: tuple[Sentence, ...] = ("HDT", "THS", "PUNAV", *TARGET_SENTENCES)
-"""They tell what of a target is not known."""
-
-
-class NmeaOutput(_Block, frozen=True, tag_field="type", tag="nmea"):
-    """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a line, a pty or stdout."""
-
-    link: OutputLink
-    sentences: Annotated[tuple[Sentence, ...], Meta(min_length=1)] = (
-        "GGA",
-        "RMC",
-        "HDT",
-        "VTG",
-        "GST",
-        "GBS",
-        "ZDA",
-    )
-    rate_hz: Annotated[float, Meta(gt=0, le=100)] = 1.0
-    talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
-    surface_height_m: float | None = None
-    """Of the water's surface above the ellipsoid (geoid and tide), for sentences with a depth."""
-    target: Name | None = None
-    """Name of a target of which the sentences speak as if it were the vessel; once a second."""
 
 
 Output = NmeaOutput | ZenohOutput

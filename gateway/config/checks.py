@@ -13,21 +13,19 @@ from itertools import combinations
 from drivers import registry
 from drivers.settings import PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.blocks import (
-    DEPTH_SENTENCES,
-    OWN_SENTENCES,
     Config,
     Device,
     GnssDevice,
     ImuDevice,
     ImuNoise,
     LblDevice,
-    NmeaOutput,
     Triple,
     UsblDevice,
 )
 from gateway.config.lines import line_faults, shares_line, sharing_faults
+from gateway.config.outputs import output_faults
 from gateway.config.zenoh import ZenohOutput
-from gateway.schema import build, known, suggest
+from gateway.schema import build, known
 
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
@@ -99,22 +97,6 @@ def _beacons(config: Config) -> Iterator[str]:
                     place = f"devices.{name}.beacons[{n}]"
                     yield f'{place}: "{beacon}" is a target; ranges need a place'
     yield from _names_of_targets(config)
-
-
-def _outputs_of_targets(config: Config) -> Iterator[str]:
-    """What is to speak of a target needs one, and sentences that a target has."""
-    if not known(config.outputs, config.beacons):
-        return
-    names = [target.name for target in config.targets.values()]
-    for n, output in enumerate(config.outputs):
-        if not isinstance(output, NmeaOutput) or not known(output.target, output.sentences):
-            continue
-        if output.target is not None and output.target not in names:
-            unknown = f"no target is called {output.target}; {suggest(output.target, names)}"
-            yield f"outputs[{n}].target: {unknown}"
-        unfit = [name for name in output.sentences if name in OWN_SENTENCES]
-        if output.target is not None and unfit:
-            yield f"outputs[{n}].sentences: {', '.join(unfit)} cannot be said of a target"
 
 
 def _names_of_targets(config: Config) -> Iterator[str]:
@@ -295,51 +277,6 @@ def _is_multicast(text: str) -> bool:
         return False
 
 
-def _zenoh(config: Config) -> Iterator[str]:
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        if isinstance(output, ZenohOutput):
-            yield from _zenoh_output(output, f"outputs[{n}]")
-
-
-def _zenoh_output(output: ZenohOutput, path: str) -> Iterator[str]:
-    """What of a Zenoh output goes with what."""
-    if output.mode == "client" and not output.connect:
-        yield f"{path}.connect: missing; a client needs its router's endpoint"
-    if (output.user is None) != (output.password_file is None):
-        missing = "user" if output.user is None else "password_file"
-        yield f"{path}.{missing}: missing; user and password_file belong together"
-    if output.users_file is not None and output.mode == "client":
-        yield f"{path}.users_file: a client lets nobody in"
-    tls = output.tls
-    if tls is None or not known(tls):
-        return
-    if (tls.certificate is None) != (tls.private_key is None):
-        missing = "certificate" if tls.certificate is None else "private_key"
-        yield f"{path}.tls.{missing}: missing; certificate and private_key belong together"
-    elif tls.mutual and (tls.certificate is None or tls.root_ca is None):
-        missing = "certificate" if tls.certificate is None else "root_ca"
-        yield f"{path}.tls.{missing}: missing; mutual needs root_ca, certificate and private_key"
-    elif tls.certificate is None and known(output.listen) and any(map(_is_tls, output.listen)):
-        yield f"{path}.tls.certificate: missing; who listens on tls must show one"
-
-
-def _is_tls(endpoint: str) -> bool:
-    return known(endpoint) and endpoint.startswith(("tls/", "quic/"))
-
-
-def _depths(config: Config) -> Iterator[str]:
-    """A depth to be sent needs to know where the surface is."""
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        if not isinstance(output, NmeaOutput) or not known(output.sentences):
-            continue
-        asked = [name for name in output.sentences if name in DEPTH_SENTENCES]
-        if asked and output.surface_height_m is None:
-            yield (
-                f"outputs[{n}].surface_height_m: missing; {asked[0]} needs the height of the"
-                " water's surface above the ellipsoid"
-            )
-
-
 def _clock_sources(config: Config) -> Iterator[str]:
     """A device's time that says nothing, or less than the arrival of what tells it."""
     for name, device in _readable(config).items():
@@ -415,9 +352,7 @@ _CHECKS = (
     sharing_faults,
     _addresses,
     line_faults,
-    _zenoh,
-    _depths,
-    _outputs_of_targets,
+    output_faults,
     _pulses,
     _array,
     _recording,

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from gateway.config.blocks import Name, NonNegative, Positive
+from gateway.config.blocks import NonNegative, Positive
+from gateway.config.nmea import Name
 from gateway.emulator.scenario.block import Block
 
 Share = Annotated[float, Meta(gt=0, le=1)]

@@ -6,7 +6,8 @@ import msgspec
 from msgspec import Meta
 
 from drivers import registry
-from gateway.config.blocks import Beacon, InitialSigma, Name, NonNegative, Positive
+from gateway.config.blocks import Beacon, InitialSigma, NonNegative, Positive
+from gateway.config.nmea import Name
 from gateway.emulator.scenario.acoustic import LblModel, UsblModel
 from gateway.emulator.scenario.aiding import AidingModel
 from gateway.emulator.scenario.block import Block, SoundSpeed
