@@ -65,7 +65,8 @@ def main(fd: int) -> None:
     """Serve one daemon until it closes the channel."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    os.nice(NICENESS)
+    with suppress(PermissionError):  # a courtesy, not worth a recording
+        os.nice(NICENESS)
     with socket.socket(fileno=fd) as channel:
         orders = read_in_writer(channel.recv(MAX_MESSAGE))
         assert isinstance(orders, Orders)

@@ -111,6 +111,29 @@ def test_the_unit_is_hardened(unit: Path) -> None:
     assert float(exposure[1]) <= 2.0
 
 
+def settings(name: str) -> list[str]:
+    """What a directive of the unit says, all of its lines together, word by word."""
+    lines = (FOLDER / "usblnav.service").read_text().splitlines()
+    return " ".join(line.partition("=")[2] for line in lines if line.startswith(f"{name}=")).split()
+
+
+def test_drivers_of_adapters_are_loaded_before_devices_are_allowed() -> None:
+    """A kind of device whose driver is not there yet is left out of what DeviceAllow= permits."""
+    modules = {"char-ttyUSB": "usbserial", "char-ttyACM": "cdc_acm"}
+    needed = {
+        f"modprobe@{modules[word]}.service" for word in settings("DeviceAllow") if word in modules
+    }
+    assert len(needed) == len(modules)
+    assert needed <= set(settings("Wants"))
+    assert needed <= set(settings("After"))
+
+
+def test_all_may_reach_the_ptys_of_the_service_but_not_its_state() -> None:
+    modes = {kind: settings(f"{kind}DirectoryMode") for kind in ("Runtime", "State", "Cache")}
+    assert modes == {"Runtime": ["0755"], "State": ["0750"], "Cache": ["0750"]}
+    assert settings("RuntimeDirectory") == ["usblnav"]
+
+
 def test_sysusers_and_tmpfiles_make_the_user_and_the_folder(tmp_path: Path) -> None:
     (tmp_path / "etc/usblnav").mkdir(parents=True)
     config = tmp_path / "etc/usblnav/config.yaml"
