@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast
+from typing import BinaryIO, NamedTuple, cast, get_args
 
 import msgspec
 import zstandard
@@ -25,12 +25,7 @@ from gateway.utc import UtcSample
 
 MAX_RECORD = 64 * 1024 * 1024
 """A longer record than any recording holds is a damaged length."""
-REPORTS: dict[str, Topic] = {
-    "/nav": "nav",
-    "/innovation": "innovation",
-    "/calibration": "calibration",
-    "/status": "status",
-}
+REPORTS: dict[str, Topic] = {f"/{topic}": topic for topic in get_args(Topic)}
 
 _DAMAGE = (
     McapError,
