@@ -35,8 +35,10 @@ JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
 Independent of everything else: scaled together with its correlations, an error in position would
 be paid for by velocity, attitude and the instruments' constants.
 """
-GATE_MAX_HEADING_SD = np.radians(5.0)
-"""The gate stays open while the heading is known worse than this: it would lock out good fixes."""
+KNOWN_HEADING_SD = np.radians(5.0)
+"""A heading known worse is nothing to go by, and fixes are used with care."""
+GATE_MAX_HEADING_SD = np.radians(30.0)
+"""The gate stays open while it is known worse than this: it would lock out good fixes."""
 MISSING = 7
 """Column of the samples that says for how long (s) a sample stands in for lost ones."""
 LONG_GAP_S = 2.0
@@ -152,7 +154,7 @@ class Filter:
             self.memory.state.P[:] = np.nan  # so that nothing is claimed until a new start
             return self._refuse(fix, "fault")
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
-        accepted = bool(inside or self._gate_is_open())
+        accepted = bool(inside or self._gate_is_open(fix))
         quality = self._judge(fix, nis, len(z.residual))
         if accepted:
             self._use(z, S, nis, fix, track)
@@ -191,7 +193,7 @@ class Filter:
         """Update by a fix: with care while the estimate may be far off."""
         memory = self.memory
         locked_out = memory.refused_in_a_row > LOCK_OUT
-        if locked_out or self._gate_is_open():
+        if locked_out or not self.knows_heading():
             self._use_with_care(z, fix, track)
         else:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
@@ -277,14 +279,22 @@ class Filter:
 
     def knows_heading(self) -> bool:
         """Whether the heading is certain enough to go by."""
+        return bool(self._heading_variance() <= KNOWN_HEADING_SD**2)
+
+    def _heading_variance(self) -> float:
+        """Variance of the heading (rad^2)."""
         state = self.memory.state
         lat, lon, _ = ecef_to_lla(state.r_e)
         down = C_en(lat, lon)[:, 2]
-        return bool(down @ state.P[ATT, ATT] @ down <= GATE_MAX_HEADING_SD**2)
+        return float(down @ state.P[ATT, ATT] @ down)
 
-    def _gate_is_open(self) -> bool:
-        """Whether the heading is too uncertain for a linearised gate to be just."""
-        return not self.knows_heading()
+    def _gate_is_open(self, fix: Fix) -> bool:
+        """Whether heading or place are too uncertain for a linearised gate to be just."""
+        if self.knows_heading():
+            return False
+        sound = fix.slant_range if isinstance(fix, UsblFix) else None
+        lost = sound is not None and _is_far(self.memory.state.P[POS, POS], sound)
+        return bool(lost or self._heading_variance() > GATE_MAX_HEADING_SD**2)
 
     def _refuse(self, fix: Fix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""

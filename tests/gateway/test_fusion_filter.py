@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.fusion import initial
-from gateway.fusion.filter import FREED, GATE_MAX_HEADING_SD, LOCK_OUT, Filter, Memory
+from gateway.fusion.filter import FREED, LOCK_OUT, Filter, Memory
 from gateway.fusion.report import solution
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.modes import Mode
@@ -103,15 +103,28 @@ def test_components_that_were_not_measured_are_not_claimed():
     assert verdict.accepted
 
 
+def turned(state, off_deg, sd_deg):
+    """Turn the heading, and say how uncertain it is."""
+    state.C_eb[:] = exp_so3(np.radians(off_deg) * up(state)) @ state.C_eb
+    state.P[ATT, ATT] += np.radians(sd_deg) ** 2 * np.outer(up(state), up(state))
+
+
 def test_the_gate_waits_for_the_heading():
     """With the heading unknown a linearised gate would lock good fixes out."""
     trip, filter_, timeline = at_the_truth()
-    state = filter_.memory.state
-    state.C_eb[:] = exp_so3(np.radians(20.0) * up(state)) @ state.C_eb
-    state.P[ATT, ATT] += np.radians(20.0) ** 2 * np.outer(up(state), up(state))
+    turned(filter_.memory.state, 40.0, 40.0)
     verdict = offer(trip, timeline, 0, bearing=trip.fixes[0].bearing + 3.0)
     assert verdict.accepted
     assert verdict.nis > 16.3
+
+
+def test_what_no_heading_explains_is_refused_before_it_is_known():
+    trip, filter_, timeline = at_the_truth()
+    turned(filter_.memory.state, 20.0, 20.0)
+    verdict = offer(trip, timeline, 0, slant_range=trip.fixes[0].slant_range + 30.0)
+    assert (verdict.accepted, verdict.reason) == (False, "gate")
+    assert not filter_.knows_heading()
+    assert offer(trip, timeline, 1).accepted
 
 
 def test_the_gate_closes_once_the_heading_is_known():
@@ -121,8 +134,7 @@ def test_the_gate_closes_once_the_heading_is_known():
     state.P[ATT, ATT] += np.radians(20.0) ** 2 * np.outer(up(state), up(state))
     for k in range(20):
         offer(trip, timeline, k)
-    state = filter_.memory.state
-    assert up(state) @ state.P[ATT, ATT] @ up(state) < GATE_MAX_HEADING_SD**2
+    assert filter_.knows_heading()
     verdict = offer(trip, timeline, 20, bearing=trip.fixes[20].bearing + 0.5)
     assert (verdict.accepted, verdict.reason) == (False, "gate")
 

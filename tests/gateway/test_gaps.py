@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.estimator import Estimator
-from gateway.messages import Checkpoint, Innovation, NavSolution, SavedState
+from gateway.messages import Checkpoint, Innovation, NavSolution, SavedState, UsblFix
 from gateway.modes import Mode
 from gateway.nav import earth
 from gateway.offline import SmoothedPass
@@ -80,6 +80,26 @@ def test_a_gap_is_lived_through(gap_s, soon_m):
         assert error_m < soon_m or seconds < 10.0
     assert after[-1][1].mode is Mode.AIDED
     assert estimator.counts().resets == 0
+
+
+@pytest.mark.parametrize("gap_s", [3.0, 10.0])
+def test_an_outlier_after_a_gap_is_not_believed(gap_s):
+    """The heading may be any by 17 or 32 deg, but no heading makes a range 40 m longer."""
+    trip, _, _ = with_a_gap(gap_s, 3)
+    measurements = arrivals(gap_s, 3)
+    k, fix = next(
+        (k, m)
+        for k, m in enumerate(measurements)
+        if isinstance(m, UsblFix) and m.t_ns > T0_NS + (BEGINS_S + gap_s) * 1e9
+    )
+    away = {"slant_range": fix.slant_range + 40.0, "elevation": fix.elevation + 0.3}
+    measurements[k] = msgspec.structs.replace(fix, **away)
+    outputs = fed(Estimator(configuration(trip.scenario), 1.0), measurements)
+    verdicts = [v for v in of(Innovation, outputs) if not v.accepted]
+    assert [(v.t_ns, v.reason) for v in verdicts] == [(fix.t_ns, "gate")]
+    for _, nav in since_the_gap(gap_s, outputs):
+        error_m, sigma_m = horizontal(trip, nav)
+        assert error_m < 4.0 * sigma_m
 
 
 @pytest.mark.parametrize(("gap_s", "seed"), [(40.0, 3), (100.0, 1), (100.0, 2)])
