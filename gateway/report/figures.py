@@ -18,6 +18,7 @@ from gateway.report.source import Errors, Innovations, Source
 Array = NDArray[np.float64]
 
 SOLUTION, TRUTH, REFUSED, BAND = "#0072b2", "0.35", "#d55e00", "#cfe3f1"
+FOLLOWED = "#009e73"
 """Colours that stay apart for colour-blind readers and in print."""
 POINTS = 1500
 """A line has no more: what a screen can show, and a page can carry."""
@@ -52,7 +53,7 @@ def draw(source: Source) -> dict[str, tuple[str, str]]:
 
 
 def track(source: Source) -> Figure:
-    """The way, the beacons within reach of it, the last error ellipse."""
+    """The way, the beacons and targets within reach of it, the last error ellipse."""
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     axis = figure.subplots()
     nav = source.nav
@@ -71,6 +72,9 @@ def track(source: Source) -> Figure:
             b_e, b_n = _metres(*place, lat0, lon0)
             axis.plot(b_e, b_n, "^", color=REFUSED, markersize=7)
             axis.annotate(f" beacon {name}", (b_e[0], b_n[0]), color=REFUSED)
+    for name, places in source.targets.items():
+        t_e, t_n = _metres(places[:, 0], places[:, 1], lat0, lon0)
+        axis.plot(*_thin(t_e, t_n), color=FOLLOWED, linewidth=1.0, label=f"target {name}")
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east (m)")
     axis.set_ylabel("north (m)")

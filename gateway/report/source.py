@@ -72,6 +72,8 @@ class Source:
         By ``(device, component)``.
     refused
         Fixes by device and reason that were not compared at all.
+    targets
+        By name: (k, 2) latitude and longitude (deg) of each followed; NaN where it was lost.
     """
 
     folder: Path
@@ -83,6 +85,7 @@ class Source:
     config: Config | None
     config_text: str
     errors: Errors | None
+    targets: dict[str, Array]
 
 
 def read(folder: Path, truth: Path | None = None) -> Source:
@@ -98,6 +101,7 @@ def read(folder: Path, truth: Path | None = None) -> Source:
         nav = _navigation(folder / "nav.csv")
         innovations, refused = _innovations(folder / "innovations.csv")
         calibration = _calibration(folder / "calibration.csv")
+        targets = _targets(folder / "targets.csv")
         summary = msgspec.json.decode((folder / "summary.json").read_bytes(), type=dict[str, Any])
     except (msgspec.DecodeError, ValueError, KeyError) as error:
         raise ConfigError([f"{folder}: not what a replay writes: {error}"]) from error
@@ -114,6 +118,7 @@ def read(folder: Path, truth: Path | None = None) -> Source:
         config=load(config) if config.is_file() else None,
         config_text=config.read_text() if config.is_file() else "",
         errors=None if truth is None else _errors(nav, truth),
+        targets=targets,
     )
 
 
@@ -161,6 +166,17 @@ def _calibration(path: Path) -> dict[str, Array]:
         numbers = [float(row[name]) for name in ("t_s", "value", "sigma")]
         table.setdefault(row["name"], []).append(numbers)
     return {name: np.array(rows) for name, rows in table.items()}
+
+
+def _targets(path: Path) -> dict[str, Array]:
+    """Nothing where nothing is followed."""
+    table: dict[str, list[tuple[float, float]]] = {}
+    for row in _rows(path) if path.is_file() else []:
+        place = float(row["lat_deg"]), float(row["lon_deg"])
+        table.setdefault(row["name"], []).append(
+            (np.nan, np.nan) if row["state"] == "lost" else place
+        )
+    return {name: np.array(places) for name, places in table.items()}
 
 
 def _errors(nav: Navigation, truth: Path) -> Errors:

@@ -168,3 +168,19 @@ def test_what_cannot_be_shown_is_named(
     named = {"out": voyage / "OUT", "empty": tmp_path}
     assert cli.main(["report", *(argument.format(**named) for argument in arguments)]) in (1, 2)
     assert said.format(**named) in capsys.readouterr().err
+
+
+def test_what_was_followed_is_in_the_track(voyage: Path, tmp_path: Path) -> None:
+    out = tmp_path / "OUT"
+    shutil.copytree(voyage / "OUT", out)
+    alone = report.text(report.read(out))
+    with (out / "targets.csv").open("w") as file:
+        table = csv.writer(file)
+        table.writerow(["t_s", "name", "state", "lat_deg", "lon_deg"])
+        table.writerows([k, "rov", "tracked", 39.8 + k * 1e-5, 116.2] for k in range(5))
+        table.writerow([5, "rov", "lost", 45.0, 116.2])
+    source = report.read(out)
+    assert np.isfinite(source.targets["rov"]).all(axis=1).tolist() == [True] * 5 + [False]
+    page = report.text(source)
+    assert "target rov" in page
+    assert "target rov" not in alone
