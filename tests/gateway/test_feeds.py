@@ -4,13 +4,16 @@ import asyncio
 import socket
 import time
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
+import msgspec
 import pytest
 
 from drivers.settings import UdpLink
 from gateway.config import NmeaOutput
 from gateway.outputs.feeds import STALE_S, Feed, open_feed
 from gateway.outputs.schema import NavReport, nav_report
+from tests.gateway.reports import TARGET
 from tests.gateway.test_outputs_schema import solution
 
 RATE_HZ = 10.0
@@ -32,11 +35,17 @@ class Plotter:
 
 @pytest.fixture
 async def plotter() -> AsyncIterator[Plotter]:
+    async with opened() as one:
+        yield one
+
+
+@asynccontextmanager
+async def opened(target: str | None = None) -> AsyncIterator[Plotter]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.bind(("127.0.0.1", 0))
         ear.setblocking(False)
         link = UdpLink(port=ear.getsockname()[1])
-        settings = NmeaOutput(link=link, sentences=("ZDA", "RMC"), rate_hz=RATE_HZ)
+        settings = NmeaOutput(link=link, sentences=("ZDA", "RMC"), rate_hz=RATE_HZ, target=target)
         async with open_feed(settings, "ship") as feed:
             running = asyncio.create_task(feed.run())
             yield Plotter(feed, ear)
@@ -84,3 +93,16 @@ async def test_solutions_that_are_always_late_are_better_than_none(plotter: Plot
     while len(statuses) < 5:
         statuses.append((await plotter.hear())[1])
     assert statuses.count("A") == 5
+
+
+async def test_an_output_of_a_target_speaks_of_nothing_else_and_says_when_it_is_lost() -> None:
+    async with opened("rov") as plotter:
+        now = time.time_ns()
+        own = report(now)
+        seen = msgspec.structs.replace(TARGET, utc_ns=now)
+        plotter.feed.nav(own)
+        plotter.feed.target(msgspec.structs.replace(seen, name="sledge"), own)
+        plotter.feed.target(seen, own)
+        assert await plotter.hear() == [hhmmss(now), "A"]
+        plotter.feed.target(msgspec.structs.replace(seen, state="lost"), own)
+        assert (await plotter.hear())[1] == "V"
