@@ -279,6 +279,7 @@ class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     quality: dict[str, tuple[int, float]] = {}
     noise: dict[str, float] = {}
     aided: bool = False
+    velocity_refused: dict[str, tuple[int, float, int]] = {}
 
 
 class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):

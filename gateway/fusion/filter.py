@@ -19,7 +19,15 @@ from gateway.fusion.kalman import (
 from gateway.fusion.observation import Model, observe, place, settled
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
-from gateway.messages import Component, Fix, Innovation, UsblFix, Verdict
+from gateway.messages import (
+    BottomVelocity,
+    Component,
+    Fix,
+    Innovation,
+    UsblFix,
+    VelocityFix,
+    Verdict,
+)
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -27,6 +35,10 @@ Array = NDArray[np.float64]
 
 LOCK_OUT = 8
 """Fixes refused in a row after which the filter doubts itself, not the fixes."""
+VELOCITY_LOCK_OUT_S = 30.0
+"""The same for a device's velocities, as long as nothing that locates is used meanwhile."""
+GROWN = 3.0
+"""By how much more they are then off than the first that was refused."""
 FREED = 3
 """Fixes used in a row after which it trusts itself again."""
 JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
@@ -65,6 +77,9 @@ class Memory:
     refused_in_a_row: int = 0
     """Once over `LOCK_OUT`, used fixes count it down before it is forgotten."""
     t_used_ns: int | None = None
+    velocity_refused: dict[str, tuple[int, float, int]] = field(default_factory=dict)
+    """By device: since when its velocities are refused, and nothing locates; how far off the first
+    was (m/s); how many were used in a row since."""
     quality: dict[str, tuple[int, float]] = field(default_factory=dict)
     """By beacon, see `gateway.fusion.robust`."""
     noise: dict[str, float] = field(default_factory=dict)
@@ -76,8 +91,13 @@ class Memory:
 
     def copy(self) -> Self:
         """Independent copy."""
-        noise, quality = self.noise.copy(), self.quality.copy()
-        return replace(self, state=self.state.copy(), noise=noise, quality=quality)
+        return replace(
+            self,
+            state=self.state.copy(),
+            velocity_refused=self.velocity_refused.copy(),
+            quality=self.quality.copy(),
+            noise=self.noise.copy(),
+        )
 
 
 @dataclass
@@ -159,7 +179,7 @@ class Filter:
         if accepted:
             self._use(z, S, nis, fix, track)
         else:
-            self._doubt(fix)
+            self._doubt(fix, z)
         reason = "" if accepted else "gate"
         components = _components(z, S)
         return Innovation(
@@ -193,7 +213,7 @@ class Filter:
         """Update by a fix: with care while the estimate may be far off."""
         memory = self.memory
         locked_out = memory.refused_in_a_row > LOCK_OUT
-        if locked_out or not self.knows_heading():
+        if locked_out or self._trust_velocity(fix) or not self.knows_heading():
             self._use_with_care(z, fix, track)
         else:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
@@ -204,6 +224,7 @@ class Filter:
         memory.aided = True
         if fix.locates:
             memory.t_used_ns = fix.t_ns
+            memory.velocity_refused.clear()
             self._trust(locked_out)
 
     def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
@@ -264,18 +285,49 @@ class Filter:
         if memory.refused_in_a_row <= LOCK_OUT:
             memory.refused_in_a_row = 0
 
-    def _doubt(self, fix: Fix) -> None:
+    def _doubt(self, fix: Fix, z: Linearised) -> None:
         """Count a refused fix and free a filter that is locked out.  # (M.37)
 
         Only what locates the vehicle tells of a lock-out: anything else agrees with a wrong place.
         """
         memory = self.memory
         memory.gated += 1
+        if isinstance(fix, BottomVelocity | VelocityFix):
+            self._doubt_velocity(fix, float(np.linalg.norm(z.residual)))
         memory.refused_in_a_row += fix.locates
         if fix.locates and memory.refused_in_a_row > LOCK_OUT:
             for part, share in JUMP:
                 block = memory.state.P[part, part]
                 block += share * np.trace(block) / 3.0 * np.eye(3)
+
+    def _trust_velocity(self, fix: Fix) -> bool:
+        """Count a used velocity towards the end of its lock-out; whether it was one."""
+        refused = self.memory.velocity_refused.pop(fix.device, None)
+        if refused is None or fix.t_ns - refused[0] <= VELOCITY_LOCK_OUT_S * 1e9:
+            return False
+        if refused[2] + 1 < FREED:
+            self.memory.velocity_refused[fix.device] = (*refused[:2], refused[2] + 1)
+        return True
+
+    def _doubt_velocity(self, fix: Fix, off_m_s: float) -> None:
+        """Free a filter that parts for long from what a device says.  # (M.166)
+
+        A log that is wrong is as wrong after a while; a wrong attitude makes the way apart grow.
+        """
+        refused = self.memory.velocity_refused
+        since_ns, first_m_s, _ = refused.get(fix.device, (fix.t_ns, off_m_s, 0))
+        refused[fix.device] = since_ns, first_m_s, 0
+        away_s = (fix.t_ns - since_ns) * 1e-9
+        if away_s <= VELOCITY_LOCK_OUT_S or off_m_s < GROWN * first_m_s:
+            return
+        P = self.memory.state.P
+        (_, turned), (_, gained), _ = JUMP
+        P[ATT, ATT] += turned * np.trace(P[ATT, ATT]) / 3.0 * np.eye(3)
+        doubt = gained * np.trace(P[VEL, VEL]) / 3.0 * np.eye(3)
+        P[VEL, VEL] += doubt
+        P[POS, VEL] += away_s / 2.0 * doubt
+        P[VEL, POS] += away_s / 2.0 * doubt
+        P[POS, POS] += away_s**2 / 3.0 * doubt
 
     def knows_heading(self) -> bool:
         """Whether the heading is certain enough to go by."""

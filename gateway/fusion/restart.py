@@ -56,6 +56,7 @@ def inflate(saved: SavedState, away_s: float, q: Array) -> SavedState:
         P=(0.5 * (P + P.T)).tobytes(),
         refused_in_a_row=0,
         t_used_ns=None,
+        velocity_refused={},
         aided=False,
     )
 

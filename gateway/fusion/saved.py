@@ -21,6 +21,7 @@ def saved(memory: Memory, t_ns: int) -> SavedState:
         quality=memory.quality.copy(),
         noise=memory.noise.copy(),
         aided=memory.aided,
+        velocity_refused=memory.velocity_refused.copy(),
     )
 
 
@@ -40,7 +41,8 @@ def memory_of(message: SavedState) -> Memory:
         message.gated,
         message.refused_in_a_row,
         message.t_used_ns,
-        message.quality.copy(),
-        message.noise.copy(),
+        quality=message.quality.copy(),
+        noise=message.noise.copy(),
+        velocity_refused=message.velocity_refused.copy(),
         aided=message.aided,
     )
