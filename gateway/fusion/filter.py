@@ -39,6 +39,8 @@ VELOCITY_LOCK_OUT_S = 30.0
 """The same for a device's velocities, as long as nothing that locates is used meanwhile."""
 GROWN = 3.0
 """By how much more they are then off than the first that was refused."""
+BEYOND_A_LOG = 3.0
+"""And by how much at all (m/s): what a log may hear instead of the bottom is slower."""
 FREED = 3
 """Fixes used in a row after which it trusts itself again."""
 JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
@@ -318,7 +320,7 @@ class Filter:
         since_ns, first_m_s, _ = refused.get(fix.device, (fix.t_ns, off_m_s, 0))
         refused[fix.device] = since_ns, first_m_s, 0
         away_s = (fix.t_ns - since_ns) * 1e-9
-        if away_s <= VELOCITY_LOCK_OUT_S or off_m_s < GROWN * first_m_s:
+        if away_s <= VELOCITY_LOCK_OUT_S or off_m_s < max(GROWN * first_m_s, BEYOND_A_LOG):
             return
         P = self.memory.state.P
         (_, turned), (_, gained), _ = JUMP

@@ -65,7 +65,7 @@ def followed(off_deg: float, fish_s: float = 0.0) -> tuple[Filter, list[float], 
 
 
 def test_a_wrong_attitude_does_not_lock_a_log_out_for_good() -> None:
-    engine, refused_s, error_m = followed(off_deg=3.0)
+    engine, refused_s, error_m = followed(off_deg=-3.0)
     assert refused_s[-1] - refused_s[0] > VELOCITY_LOCK_OUT_S
     assert refused_s[-1] < DURATION_S - 10.0
     assert error_m < 10.0
