@@ -241,8 +241,10 @@ class _Daemon:
             await asyncio.sleep(min(HEALTH_PERIOD_S, watchdog_s or HEALTH_PERIOD_S))
             self._sample_utc()
             self._health.watch()
+            await asyncio.sleep(0)  # in parts: a sample that comes meanwhile does not wait for all
             report = self._health.report()
             for feed in self._feeds:
+                await asyncio.sleep(0)
                 feed.health(report)
             systemd.notify_status(self._health.line())
             self._collector.quiet()

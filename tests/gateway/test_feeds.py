@@ -57,6 +57,7 @@ def report(utc_ns: int) -> NavReport:
 
 
 def hhmmss(utc_ns: int) -> str:
+    utc_ns += 5_000_000  # to the nearest hundredth
     return time.strftime("%H%M%S", time.gmtime(utc_ns // 10**9)) + f".{utc_ns // 10**7 % 100:02d}"
 
 
