@@ -190,9 +190,10 @@ class Filter:
 
     def _sight(self, fix: Fix, track: Track) -> Verdict:
         """Tell a target's place: it says nothing of our own, and the gate knows nothing of it."""
-        found = None
-        if isinstance(fix, UsblFix) and fix.device in self.model.arrays:
-            found = target.sighting(self.model, self.memory.state, fix, track)
+        found, state = None, self.memory.state
+        own = settled(self.model, state, fix)
+        if isinstance(own, UsblFix) and own.device in self.model.arrays:
+            found = target.sighting(self.model, state, own, track)
         return found or Innovation(
             fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, "target"
         )

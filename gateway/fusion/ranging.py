@@ -27,8 +27,7 @@ def leg(state: State, lever_b: Array, beacon_e: Array, when: Past | None) -> tup
     """Distance of beacon and transducer, now or at a past moment, and its (25,) derivatives."""
     C, r_e, age_s = state.C_eb, state.r_e, 0.0
     if when is not None:
-        C = C @ (state.chain.T @ when.chain)
-        r_e = r_e - (state.s_e - when.s_e)
+        C, r_e = pose_then(state, when)
         age_s = when.age_s
     l_e = C @ lever_b
     a = r_e + l_e - beacon_e
@@ -37,6 +36,11 @@ def leg(state: State, lever_b: Array, beacon_e: Array, when: Past | None) -> tup
     H = np.zeros(N_FULL)
     H[ATT], H[VEL], H[POS], H[LEVER] = skew(l_e) @ u, -age_s * u, u, C.T @ u
     return distance, H
+
+
+def pose_then(state: State, when: Past) -> tuple[Array, Array]:
+    """Attitude (3, 3) and place (3,) of the IMU in e at a past moment."""
+    return state.C_eb @ (state.chain.T @ when.chain), state.r_e - (state.s_e - when.s_e)
 
 
 def range_row(

@@ -5,6 +5,7 @@ the sound went, from the array as it was when the ping left and to the array as 
 our own state is corrected.  # (M.170)-(M.172)
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,9 @@ from gateway.fusion import loose
 from gateway.fusion.axes import told_axes
 from gateway.fusion.kinematics import earlier
 from gateway.fusion.observation import Model, departure
-from gateway.fusion.ranging import Past
+from gateway.fusion.ranging import pose_then
 from gateway.fusion.state import State
-from gateway.fusion.usbl import ArrayGeometry, Sighting, direction, turned_back
+from gateway.fusion.usbl import ArrayGeometry, Sighting, direction
 from gateway.messages import Covariance3, TargetSighting, UsblFix
 from gateway.nav.earth import ecef_to_lla
 
@@ -36,6 +37,8 @@ def sighting(model: Model, state: State, fix: UsblFix, track: Track) -> TargetSi
 
     Parameters
     ----------
+    fix
+        As the array saw it, see `gateway.fusion.observation.settled`.
     state
         At the reply's arrival.
     track
@@ -46,18 +49,12 @@ def sighting(model: Model, state: State, fix: UsblFix, track: Track) -> TargetSi
         return None
     sent = departure(model, target, fix.t_ns, None, fix.slant_range, track)
     measured = np.array([fix.elevation, fix.bearing, fix.slant_range])
-    told: Sighting | None = Sighting(
-        measured, array.sigma, np.zeros(3), sent, fix.axes, array.sensor_sd
-    )
-    if array.goes_by_us and fix.axes != "array":
-        assert told is not None
-        told = turned_back(state, array.geometry, told)
-    found = None if told is None else _place(state, array.geometry, told)
-    if told is None or found is None:
+    told = Sighting(measured, array.sigma, np.zeros(3), sent, fix.axes, array.sensor_sd)
+    found = _place(state, array.geometry, told)
+    if found is None:
         return None
     lat, lon, h = (float(value) for value in ecef_to_lla(found.r_e))
-    there = Sighting(told.measured, told.sigma, found.r_e, sent, told.axes, told.sensor_sd)
-    z = loose.linearise(state, array.geometry, there, None)
+    z = loose.linearise(state, array.geometry, replace(told, beacon_e=found.r_e), None)
     if z is None:
         return None
     return TargetSighting(
@@ -91,15 +88,9 @@ def _place(state: State, geometry: ArrayGeometry, sight: Sighting) -> _Found | N
     half_way = float(sight.measured[2]) / (1.0 + state.range_scale)
     range_m = half_way
     if sight.transmit is not None:
-        moved = here_e - _then(state, lever_b, sight.transmit)
+        C, r_e = pose_then(state, sight.transmit)
+        moved = here_e - (r_e + C @ lever_b)
         range_m = (4.0 * half_way**2 - float(moved @ moved)) / (
             4.0 * half_way + 2.0 * float(moved @ u_e)
         )
     return _Found(here_e + range_m * u_e, range_m) if range_m > 0.0 else None
-
-
-def _then(state: State, lever_b: Array, when: Past) -> Array:
-    """(3,) where the array was at an earlier moment."""
-    C = state.C_eb @ (state.chain.T @ when.chain)
-    there: Array = state.r_e - (state.s_e - when.s_e) + C @ lever_b
-    return there
