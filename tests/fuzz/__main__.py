@@ -1,6 +1,6 @@
 """`python -m tests.fuzz CODEC|all --minutes M`: coverage-guided fuzzing, one after the other.
 
-Needs `pip install usblnav[fuzz]`. What a hunt found worth keeping joins tests/fuzz/corpus
+Needs `pip install .[fuzz]`, nothing else. What a hunt found worth keeping joins tests/fuzz/corpus
 (`--keep`); an input that shows a fault is printed as a line of that corpus.
 """
 
@@ -48,7 +48,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--keep", action="store_true", help="write the minimised corpus")
     arguments = parser.parse_args(words)
     if arguments.minutes and find_spec("atheris") is None:
-        parser.error("atheris is not installed: pip install usblnav[fuzz], or --minutes 0")
+        parser.error("atheris is not installed: pip install .[fuzz], or --minutes 0")
     chosen = sorted(registry.CODECS) if arguments.codec == "all" else [arguments.codec]
     print(f"{'codec':16} {'minutes':>8} {'executions':>11} {'edges':>6} {'kept':>5}  finding")
     faults = 0

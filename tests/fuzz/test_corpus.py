@@ -1,5 +1,7 @@
 """What hunts found worth keeping holds today, and the oracle finds what decoders do wrong."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from math import nan
@@ -18,6 +20,7 @@ from tests.fuzz.__main__ import main
 from tests.fuzz.sealing import sealed
 from tests.fuzz.seeds import words
 from tests.fuzz.trial import Trial, check, check_flood, trial_of
+from tests.shared_data import ROOT
 
 EVERY = pytest.mark.parametrize("codec", sorted(registry.CODECS))
 
@@ -64,6 +67,17 @@ def test_sealing_leaves_good_frames_and_mends_bad_ones(codec: str) -> None:
 def test_the_command_tries_what_is_known(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sbg-ecom", "--minutes", "0"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].split()[0::5] == ["sbg-ecom", "none"]
+
+
+def test_the_command_needs_no_tools_of_tests() -> None:
+    """What `pip install .[fuzz]` brings is enough; atheris itself is asked for by name."""
+    without = "import sys; sys.modules.update(pytest=None, hypothesis=None)"
+    told = f"{without}; from tests.fuzz.__main__ import main; main(['anpp', '--minutes', '0'])"
+    done = subprocess.run(
+        [sys.executable, "-c", told], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "anpp" in done.stdout
 
 
 class Hoarder:
