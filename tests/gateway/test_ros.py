@@ -151,10 +151,43 @@ def test_the_fix_is_of_the_ellipsoid_with_its_covariance() -> None:
     assert covariance[0, 1] == pytest.approx(0.05)
 
 
+def imu(report: NavReport) -> Any:
+    data = messages.Mapped(HERE).imu(report)
+    assert data is not None
+    return decoded(data, "sensor_msgs/msg/Imu")
+
+
+def test_the_attitude_is_over_east_north_up_where_the_vehicle_is() -> None:
+    report = nav(lat_deg=40.8, heading_deg=60.0, roll_deg=10.0, pitch_deg=20.0)
+    message = imu(report)
+    assert message.header.frame_id == "base_link"
+    stamp = message.header.stamp
+    assert stamp.sec * 10**9 + stamp.nanosec == report.utc_ns
+    # By the words of REP-103: yaw from east to the left, bow up is pitch down, port up is roll.
+    expected = Rotation.from_euler("ZYX", (90.0 - 60.0, -20.0, 10.0), degrees=True)
+    assert turned(message.orientation).approx_equal(expected, atol=1e-12)
+
+
+def test_the_attitudes_covariance_is_about_east_north_up() -> None:
+    report = nav(roll_deg=0.0, pitch_deg=0.0, heading_deg=0.0)
+    # Heading north: roll turns about y (north), pitch about x (east), heading about z.
+    sds = np.radians((report.sd_pitch_deg, report.sd_roll_deg, report.sd_heading_deg))
+    covariance = imu(report).orientation_covariance.reshape(3, 3)
+    assert covariance == pytest.approx(np.diag(sds**2), abs=1e-12)
+
+
+def test_what_an_imu_message_does_not_hold_is_marked() -> None:
+    message = imu(nav())
+    assert message.angular_velocity_covariance[0] == -1.0
+    assert message.linear_acceleration_covariance[0] == -1.0
+    assert vector(message.angular_velocity) == vector(message.linear_acceleration) == DEFAULTS
+
+
 @pytest.mark.parametrize("mode", [Mode.ALIGNING, Mode.FAULT, Mode.INVALID])
 def test_without_a_place_nothing_is_claimed(mode: Mode) -> None:
     mapped = messages.Mapped(HERE)
     assert mapped.odometry(nav(mode=mode)) is None
+    assert mapped.imu(nav(mode=mode)) is None
     fix = decoded(mapped.nav_sat_fix(nav(mode=mode)), "sensor_msgs/msg/NavSatFix")
     assert (fix.status.status, fix.position_covariance_type) == (-1, 0)
     assert math.isnan(fix.latitude + fix.longitude + fix.altitude)
@@ -225,7 +258,7 @@ def test_cdr_aligns_from_behind_its_header() -> None:
 
 
 @pytest.mark.parametrize("store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
-@pytest.mark.parametrize("kind", [names.ODOMETRY, names.NAV_SAT_FIX, names.DIAGNOSTICS])
+@pytest.mark.parametrize("kind", [names.ODOMETRY, names.NAV_SAT_FIX, names.IMU, names.DIAGNOSTICS])
 def test_hashes_are_those_of_the_definitions(store: Stores, kind: names.MessageType) -> None:
     known = get_typestore(store)
     assert known.hash_rihs01(f"{kind.package}/msg/{kind.name}") == kind.hash
@@ -249,6 +282,18 @@ def test_tokens_and_keys_are_those_of_rmw_zenoh() -> None:
     assert ours.token() == "@ros2_lv/0/8b/0/0/NN/%/%fleet%auv1/usblnav"
     assert ours.key("/fleet/auv1/odometry", names.ODOMETRY) == (
         "0/fleet/auv1/odometry/nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported"
+    )
+
+
+def test_a_bridge_is_told_of_topic_type_and_quality() -> None:
+    # @/<session>/@ros2_lv/MP/<key>/<type>/<K if keyed>:<reliable>:<volatile>:<last>,<n>[:<data>]
+    humble = names.Node(0, "8b", "auv1", hashes=False)
+    assert humble.bridge_token("/auv1/odometry", names.ODOMETRY) == (
+        "@/8b/@ros2_lv/MP/auv1§odometry/nav_msgs§msg§Odometry/:1:0:0,10"
+    )
+    jazzy = names.Node(0, "8b", "auv1")
+    assert jazzy.bridge_token("/auv1/imu/data", names.IMU) == (
+        f"@/8b/@ros2_lv/MP/auv1§imu§data/sensor_msgs§msg§Imu/:1:0:0,10:typehash={names.IMU.hash};"
     )
 
 

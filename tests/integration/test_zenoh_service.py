@@ -211,22 +211,22 @@ class RosEar:
     tokens: set[str]
 
 
-async def ros_ear(ros: ZenohRos) -> RosEar:
+async def ros_ear(ros: ZenohRos, looks_at: str) -> RosEar:
     endpoint, samples = free_endpoint(), {}
     async with open_publisher(ZenohOutput(listen=(endpoint,), ros=ros), "auv-1") as publisher:
         with session(endpoint) as there:
             held = there.declare_subscriber(
                 "**", lambda sample: samples.__setitem__(str(sample.key_expr), sample)
             )
-            await until(lambda: len(samples) == 3, lambda: publish(publisher))
-            replies = await asyncio.to_thread(lambda: list(there.liveliness().get("@ros2_lv/**")))
+            await until(lambda: len(samples) == 4, lambda: publish(publisher))
+            tokens = await asyncio.to_thread(lambda: list(there.liveliness().get(looks_at)))
             held.undeclare()
     del samples["usblnav/auv-1/nav"]
-    return RosEar(samples, {str(reply.ok.key_expr) for reply in replies if reply.ok})
+    return RosEar(samples, {str(token.ok.key_expr) for token in tokens if token.ok})
 
 
 async def test_the_zenoh_middleware_of_ros_finds_odometry_and_fix() -> None:
-    ear = await ros_ear(ZenohRos(origin=ORIGIN, domain=3, rate_hz=1000.0))
+    ear = await ros_ear(ZenohRos(origin=ORIGIN, domain=3, rate_hz=1000.0), "@ros2_lv/3/**")
     (odometry,) = (sample for key, sample in ear.samples.items() if "Odometry" in key)
     domain, namespace, topic, kind, kind_hash = str(odometry.key_expr).split("/")
     assert (domain, namespace, topic, kind) == (
@@ -243,18 +243,23 @@ async def test_the_zenoh_middleware_of_ros_finds_odometry_and_fix() -> None:
     assert odometry.encoding == zenoh.Encoding.APPLICATION_CDR
     by_kind = {token.split("/")[5]: token.split("/") for token in ear.tokens}
     assert by_kind["NN"][6:] == ["%", "%auv_1", "usblnav"]
-    assert len(ear.tokens) == 4
+    assert len(ear.tokens) == 5
     published = {token.split("/")[9] for token in ear.tokens if "/MP/" in token}
-    assert published == {"%auv_1%odometry", "%auv_1%fix", "%diagnostics"}
+    assert published == {
+        *("%auv_1%odometry", "%auv_1%fix", "%auv_1%imu%data"),
+        "%diagnostics",
+    }
     identities = [(token.split("/")[2], token.split("/")[4]) for token in ear.tokens]
-    assert len(set(identities)) == 4
+    assert len(set(identities)) == 5
 
 
 async def test_the_bridge_of_ros_to_dds_finds_them_by_their_topics() -> None:
     settings = ZenohRos(origin=ORIGIN, keys="ros2dds", namespace="/fleet/auv1", rate_hz=1000.0)
-    ear = await ros_ear(settings)
-    assert set(ear.samples) == {"fleet/auv1/odometry", "fleet/auv1/fix"}
-    assert ear.tokens == set()
+    ear = await ros_ear(settings, "@/*/@ros2_lv/**")
+    topics = {"fleet/auv1/odometry", "fleet/auv1/fix", "fleet/auv1/imu/data"}
+    assert set(ear.samples) == topics
+    announced = {token.split("/")[4].replace("§", "/") for token in ear.tokens}
+    assert announced == topics | {"diagnostics"}
     fix = ear.samples["fleet/auv1/fix"].payload.to_bytes()
     message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(fix, "sensor_msgs/msg/NavSatFix")
     assert (message.latitude, message.status.status) == (pytest.approx(39.8), 0)

@@ -27,6 +27,8 @@ FLU_FRD = np.diag([1.0, -1.0, -1.0])
 """Forward, right, down to forward, left, up, and back."""
 UNKNOWN_VARIANCE = 1e6
 """Of the rate of turn, (rad/s)^2: the solution holds none."""
+NOT_KNOWN = (-1.0, *(0.0,) * 8)
+"""Covariance of what a ``sensor_msgs/Imu`` does not hold, by the words of its definition."""
 FIX, NO_FIX = 0, -1
 """``sensor_msgs/NavSatStatus``."""
 KNOWN_COVARIANCE = 3
@@ -58,16 +60,12 @@ class Mapped:
         if nav.mode not in _POSED:
             return None
         lat, lon = math.radians(nav.lat_deg), math.radians(nav.lon_deg)
-        attitude = (math.radians(a) for a in (nav.roll_deg, nav.pitch_deg, nav.heading_deg))
-        roll, pitch, heading = attitude
-        C_mn, C_nb = self._C_me @ C_en(lat, lon), C_from_euler(roll, pitch, heading)
+        C_mn, C_nb = self._C_me @ C_en(lat, lon), _C_nb(nav)
         position = self._C_me @ (lla_to_ecef(lat, lon, nav.height_m) - self._r_e)
         C_fn = FLU_FRD @ C_nb.T
         pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
         pose[:3, :3] = C_mn @ position_covariance(nav) @ C_mn.T
-        turned = C_mn @ euler_error_map(pitch, heading)
-        sds = np.radians((nav.sd_roll_deg, nav.sd_pitch_deg, nav.sd_heading_deg))
-        pose[3:, 3:] = turned @ np.diag(sds**2) @ turned.T
+        pose[3:, 3:] = C_mn @ attitude_covariance(nav) @ C_mn.T
         v_sds = np.array((nav.sd_vn_m_s, nav.sd_ve_m_s, nav.sd_vd_m_s))
         twist[:3, :3] = C_fn @ np.diag(v_sds**2) @ C_fn.T
         twist[3:, 3:] = np.eye(3) * UNKNOWN_VARIANCE
@@ -87,6 +85,18 @@ class Mapped:
         message.number("b", FIX if placed else NO_FIX).number("H", 0)
         message.numbers("d", place).numbers("d", covariance.ravel().tolist())
         return message.number("B", KNOWN_COVARIANCE if placed else 0).finish()
+
+    def imu(self, nav: NavReport) -> bytes | None:
+        """``sensor_msgs/Imu``: the attitude over east, north, up at the vehicle; no rates."""
+        if nav.mode not in _POSED:
+            return None
+        attitude = ENU_NED @ attitude_covariance(nav) @ ENU_NED
+        message = _header(nav.utc_ns, self._settings.child_frame)
+        message.numbers("d", quaternion(ENU_NED @ _C_nb(nav) @ FLU_FRD))
+        message.numbers("d", attitude.ravel().tolist())
+        for _ in ("angular velocity", "linear acceleration"):
+            message.numbers("d", (0.0, 0.0, 0.0, *NOT_KNOWN))
+        return message.finish()
 
 
 def diagnostics(status: Any, utc_ns: int) -> bytes:
@@ -111,6 +121,14 @@ def position_covariance(nav: NavReport) -> Array:
     return covariance
 
 
+def attitude_covariance(nav: NavReport) -> Array:
+    """(3, 3) of small turns about north, east, down (rad^2)."""
+    turned = euler_error_map(math.radians(nav.pitch_deg), math.radians(nav.heading_deg))
+    sds = np.radians((nav.sd_roll_deg, nav.sd_pitch_deg, nav.sd_heading_deg))
+    covariance: Array = turned @ np.diag(sds**2) @ turned.T
+    return covariance
+
+
 def quaternion(C: Array) -> tuple[float, float, float, float]:
     """x, y, z, w (not negative) of a rotation matrix, by its largest component."""
     squares = np.array((C[0, 0], C[1, 1], C[2, 2])) * 2.0 - np.trace(C) + 1.0
@@ -125,6 +143,11 @@ def quaternion(C: Array) -> tuple[float, float, float, float]:
         q[3] = (C[k, j] - C[j, k]) / (4.0 * q[i])
     x, y, z, w = (q if q[3] >= 0.0 else -q).tolist()
     return x, y, z, w
+
+
+def _C_nb(nav: NavReport) -> Array:
+    angles = (nav.roll_deg, nav.pitch_deg, nav.heading_deg)
+    return C_from_euler(*(math.radians(angle) for angle in angles))
 
 
 def _header(utc_ns: int, frame: str) -> CdrWriter:

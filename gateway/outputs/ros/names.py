@@ -10,8 +10,10 @@ and with each sample an attachment of sequence number, source time (Unix ns) and
 ``ros2dds`` (zenoh-plugin-ros2dds, the bridge to DDS)::
 
     <namespace>/<topic>
+    @/<session>/@ros2_lv/MP/<namespace§topic>/<package§msg§type>/<qos>
 
-Source: docs/design.md of ros2/rmw_zenoh (rolling, 2025); README of zenoh-plugin-ros2dds.
+Source: docs/design.md of ros2/rmw_zenoh (rolling, 2025); README of zenoh-plugin-ros2dds, and the
+keys in its ``liveliness_mgt.rs`` (2026).
 """
 
 import hashlib
@@ -24,6 +26,8 @@ NO_HASH = "TypeHashNotSupported"
 """In place of the hash in Humble."""
 DEFAULT_QOS = "::,10:,:,:,,"
 """Reliable, volatile, the last 10: what an ordinary subscription asks for."""
+BRIDGE_QOS = ":1:0:0,10"
+"""The same in the bridge's words: no keys, reliable, volatile, keep the last 10."""
 _ATTACHMENT = struct.Struct("<qqB16s")
 """Sequence number, source time, length of the identity, identity."""
 
@@ -35,6 +39,11 @@ class MessageType:
     package: str
     name: str
     hash: str
+
+    @property
+    def ros(self) -> str:
+        """Its name in ROS."""
+        return f"{self.package}/msg/{self.name}"
 
     @property
     def dds(self) -> str:
@@ -51,6 +60,11 @@ NAV_SAT_FIX = MessageType(
     "sensor_msgs",
     "NavSatFix",
     "RIHS01_62223ab3fe210a15976021da7afddc9e200dc9ec75231c1b6a557fc598a65404",
+)
+IMU = MessageType(
+    "sensor_msgs",
+    "Imu",
+    "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
 )
 DIAGNOSTICS = MessageType(
     "diagnostic_msgs",
@@ -99,6 +113,12 @@ class Node:
         parts = (_mangled(topic), kind.dds, self._hash(kind), DEFAULT_QOS)
         return "/".join((self._token(entity, "MP"), *parts))
 
+    def bridge_token(self, topic: str, kind: MessageType) -> str:
+        """Liveliness token by which a bridge lists a topic before anybody asks for it."""
+        qos = f"{BRIDGE_QOS}:typehash={kind.hash};" if self.hashes else BRIDGE_QOS
+        parts = (_escaped(topic.strip("/")), _escaped(kind.ros), qos)
+        return "/".join(("@", self.session, "@ros2_lv", "MP", *parts))
+
     def _token(self, entity: int, kind: str) -> str:
         owner = ("%", _mangled(f"/{self.namespace}"), NODE_NAME)
         return "/".join(
@@ -121,3 +141,7 @@ def attachment(sequence: int, utc_ns: int, who: bytes) -> bytes:
 
 def _mangled(name: str) -> str:
     return name.replace("/", "%")
+
+
+def _escaped(name: str) -> str:
+    return name.replace("/", "§")

@@ -10,6 +10,7 @@ from gateway.config import ZenohRos
 from gateway.outputs.ros.messages import Mapped, diagnostics
 from gateway.outputs.ros.names import (
     DIAGNOSTICS,
+    IMU,
     NAV_SAT_FIX,
     ODOMETRY,
     MessageType,
@@ -27,17 +28,19 @@ class _Topic:
 
     publisher: zenoh.Publisher
     identity: bytes
-    token: zenoh.LivelinessToken | None
+    token: zenoh.LivelinessToken
     sequence: int = 0
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes | None) -> None:
+        if payload is None:
+            return
         self.sequence += 1
         what = attachment(self.sequence, time.time_ns(), self.identity)
         self.publisher.put(payload, attachment=what)
 
 
 class RosTopics:
-    """Odometry, fix and diagnostics of a vehicle.
+    """Odometry, fix, attitude and diagnostics of a vehicle.
 
     Parameters
     ----------
@@ -62,7 +65,8 @@ class RosTopics:
         above = f"/{name}" if name else ""
         self._odometry = self._declare(1, f"{above}/odometry", ODOMETRY)
         self._fix = self._declare(2, f"{above}/fix", NAV_SAT_FIX)
-        self._diagnostics = self._declare(3, "/diagnostics", DIAGNOSTICS)
+        self._imu = self._declare(3, f"{above}/imu/data", IMU)
+        self._diagnostics = self._declare(4, "/diagnostics", DIAGNOSTICS)
         self._token = (
             None if self._bridged else session.liveliness().declare_token(self._node.token())
         )
@@ -72,9 +76,8 @@ class RosTopics:
         tick = report.utc_ns // self._period_ns
         if tick != self._tick:
             self._tick = tick
-            odometry = self._mapped.odometry(report)
-            if odometry is not None:
-                self._odometry.put(odometry)
+            self._odometry.put(self._mapped.odometry(report))
+            self._imu.put(self._mapped.imu(report))
             self._fix.put(self._mapped.nav_sat_fix(report))
 
     def status(self, report: Any) -> None:
@@ -82,12 +85,15 @@ class RosTopics:
         self._diagnostics.put(diagnostics(report, time.time_ns()))
 
     def _declare(self, entity: int, topic: str, kind: MessageType) -> _Topic:
-        token = self._node.publisher_token(entity, topic, kind)
-        key = topic.strip("/") if self._bridged else self._node.key(topic, kind)
+        node = self._node
+        if self._bridged:
+            key, token = topic.strip("/"), node.bridge_token(topic, kind)
+        else:
+            key, token = node.key(topic, kind), node.publisher_token(entity, topic, kind)
         publisher = self._session.declare_publisher(
             key,
             encoding=zenoh.Encoding.APPLICATION_CDR,
             congestion_control=zenoh.CongestionControl.DROP,
         )
-        held = None if self._bridged else self._session.liveliness().declare_token(token)
+        held = self._session.liveliness().declare_token(token)
         return _Topic(publisher, identity(token), held)
