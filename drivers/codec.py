@@ -72,6 +72,8 @@ class Codec:
         How its sequence numbers and its time run.
     also
         The kinds of what else is in its stream, for devices that share the line.
+    powered_up
+        Pure ``(options) -> bytes`` of what the instrument says of itself when it is switched on.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Codec:
     encode: Callable[[Any, Any], bytes]
     counting: Counting = Counting()
     also: tuple[Kind, ...] = ()
+    powered_up: Callable[[Any], bytes] = lambda _options: b""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "encode", _refusing(self.name, self.encode))

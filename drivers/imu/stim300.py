@@ -169,8 +169,19 @@ def encode(record: Record, options: Stim300Options) -> bytes:
     return _sealed(bytes([_IDENTIFIERS[key]]) + content) + options.crlf * b"\r\n"
 
 
+def powered_up(options: Stim300Options) -> bytes:
+    """Write part number, serial number, configuration and bias trim, as sent at power-up."""
+
+    def told(identifiers: tuple[int, int], content: bytes) -> bytes:
+        return _sealed(bytes([identifiers[options.crlf]]) + content) + options.crlf * b"\r\n"
+
+    part = b"\x08\x41\x67-\x44\x00\x00-" + bytes(6) + b"D"
+    numbers = told((0xB1, 0xB3), part) + told((0xB5, 0xB7), b"N" + bytes(14))
+    return numbers + configuration(options) + told((0xD1, 0xD2), bytes(35))
+
+
 def configuration(options: Stim300Options) -> bytes:
-    """Write the configuration datagram of a unit set to `options`, as sent at power-up."""
+    """Write the configuration datagram of a unit set to `options`."""
     ranges = {g: code for code, g in _RANGES.items()}
     gyro = {unit: code for code, unit in reversed(_GYRO_UNITS.items())}
     accel = {unit: code for code, unit in reversed(_ACCEL_UNITS.items())}
@@ -373,4 +384,5 @@ STIM300 = Codec(
     decoder=decoder,
     encode=encode,
     counting=Counting(sequence_modulus=256, sequence_s=COUNT_S),
+    powered_up=powered_up,
 )

@@ -31,7 +31,10 @@ def imu_stream(
     start_unix_s: float,
     block_s: float,
 ) -> Iterator[Emission]:
-    """Frames of an IMU in the order they leave it, computed ``block_s`` at a time."""
+    """Frames of an IMU in the order they leave it, computed ``block_s`` at a time.
+
+    What it says of itself when it is switched on stands before its first sample.
+    """
     dt, sensor = 1.0 / model.rate_hz, ImuSensor(model, scenario.seed, name)
     latency_ms = model.clock.latency_ms + model.age_ms
     leaving = Leaving(latency_ms, model.jitter_ms, scenario.seed, name)
@@ -45,6 +48,8 @@ def imu_stream(
         uptime_s=model.uptime_s,
         shown_s=_shown_at_start(model, start_unix_s),
     )
+    said = registry.lookup(model.codec).powered_up(codec_options(model))
+    power_ups = clock.power_ups if said else []
     total = int(scenario.duration_s * model.rate_hz)
     block = max(1, int(block_s * model.rate_hz))
     for first in range(0, total, block):
@@ -57,7 +62,11 @@ def imu_stream(
         stamps = zip(t_end.tolist(), *clock.tell(t_end), strict=True)
         rows = zip(sensed.tolist(), within.tolist(), strict=True)
         for t_out, stamp, row in zip(leaves.tolist(), stamps, rows, strict=True):
-            yield Emission(t_out, name, frames.encode(Stamp(*stamp), *row))
+            frame = frames.encode(Stamp(*stamp), *row)
+            if power_ups and stamp[0] > power_ups[0]:
+                power_ups = [t for t in power_ups if t >= stamp[0]]
+                frame = said + frame
+            yield Emission(t_out, name, frame)
 
 
 def imu_faults(model: ImuModel) -> Iterator[str]:

@@ -6,8 +6,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 from drivers import registry
+from drivers.imu.stim300 import STIM300, Stim300Options
+from drivers.records import OtherFrame, Rejected
 from gateway.emulator import twin
 from gateway.emulator.faults.clocks import ImuClock
 from gateway.emulator.faults.wire import faulty
@@ -19,7 +22,7 @@ from gateway.emulator.scenario import TcpServerPort
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 from gateway.errors import ConfigError
-from tests.gateway.emulated import demo_data, make
+from tests.gateway.emulated import START, demo_data, make
 from tests.gateway.test_emulator_player import SILENT, free_udp, packets
 
 FRAMES = [Emission(k / 10, "imu0", b"frame%05d" % k) for k in range(600)]
@@ -231,6 +234,31 @@ def test_after_a_power_cycle_it_begins_at_zero():
     numbers, times, t = told({"fault": "power_cycle", "for_s": 3.0})
     np.testing.assert_allclose(times, np.where(t < 23.0, t, t - 23.0), atol=1e-9)
     assert numbers[t >= 23.005][:3].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("uptime_s", [0.0, 100.0])
+def test_a_unit_says_what_it_is_when_it_is_switched_on(uptime_s):
+    """So that who has the wrong options reads it rightly from the next power-up on."""
+    data = demo_data() | {"duration_s": 3.0}
+    options = {"gyro": "increment", "accel": "increment", "crlf": True}
+    unit = {"codec": "stim300", "options": options, "uptime_s": uptime_s, "rate_hz": 100}
+    data["devices"] = {"imu0": data["devices"]["imu0"] | unit}
+    data["faults"] = [{"fault": "power_cycle", "device": "imu0", "at_s": 1.0, "for_s": 0.5}]
+    scenario = make(data)
+    decoder = STIM300.decoder(Stim300Options())
+    way = Trajectory(scenario.trajectory, 3.0)
+    records = [r for e in emissions(scenario, way, START, 1.0) for r in decoder.feed(e.data, 0)]
+    said = [k for k, r in enumerate(records) if isinstance(r, OtherFrame)]
+    names = [records[k].name for k in said]
+    twice = 2 - (uptime_s > 0)
+    numbers = ["part number", "serial number", "configuration", "bias trim offset"]
+    assert names == twice * numbers
+    assert said[-4:] == list(range(said[-4], said[-4] + 4))
+    after = records[said[-1] + 1 :]
+    assert len(after) == 150
+    assert all(r.delta_angle_rad is not UNSET for r in after)
+    # Until then each CR LF of a unit that was on before is rejected.
+    assert any(isinstance(r, Rejected) for r in records) is (uptime_s > 0)
 
 
 def test_a_count_turns_over_when_it_is_told_to():

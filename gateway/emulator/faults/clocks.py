@@ -51,7 +51,8 @@ class ImuClock:
         self._counting = counting
         self._per_s = rate_hz if counting.sequence_s is None else 1.0 / counting.sequence_s
         self._starts = [0.0]
-        self._first_s, self._shown_s = uptime_s, shown_s
+        self._uptime_s = self._first_s = uptime_s
+        self._shown_s = shown_s
         self._first = 0.0 if counting.sequence_s is None else np.rint(uptime_s * self._per_s)
         for k, fault in enumerate(scenario.faults):
             if not isinstance(fault, PowerCycle | ClockWrap) or fault.device != name:
@@ -61,6 +62,11 @@ class ImuClock:
             else:
                 self._turn_over(float(begins(scenario, k)[0]))
         self._starts.sort()
+
+    @property
+    def power_ups(self) -> list[float]:
+        """When the unit was switched on, in order, s; not that of long before t = 0."""
+        return self._starts[1:] if self._uptime_s else self._starts
 
     def tell(self, t: Array) -> tuple[list[int], list[float]]:
         """Numbers and times (s) of samples that end at times (n,) s."""
