@@ -18,6 +18,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first mission")
     parser.add_argument("--only", type=int, action="append", help="one mission, again")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--wide", action="store_true", help="more instruments, more faults")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--longest", type=float, default=600.0, help="of a mission, s")
     args = parser.parse_args()
@@ -26,7 +27,8 @@ def main() -> int:
     results: list[Result] = []
     wrong = 0
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        todo = [pool.submit(fly, args.seed, number, args.longest) for number in numbers]
+        how = args.longest, args.wide
+        todo = [pool.submit(fly, args.seed, number, *how) for number in numbers]
         for n, (number, done) in enumerate(zip(numbers, todo, strict=True), 1):
             if crash := done.exception():
                 found = ["".join(traceback.format_exception(crash))]
@@ -34,7 +36,8 @@ def main() -> int:
                 results.append(done.result())
                 found = findings(results[-1])
             for line in found:
-                again = f"python -m tests.campaign --seed {args.seed} --only {number}"
+                wide = " --wide" * args.wide
+                again = f"python -m tests.campaign{wide} --seed {args.seed} --only {number}"
                 print(f"mission {number}: {line}\n    {again}", flush=True)
             wrong += len(found)
             if sys.stderr.isatty():

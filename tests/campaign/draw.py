@@ -1,10 +1,7 @@
 """One mission by its seed and number: a vehicle, its instruments, its way, and what goes wrong."""
 
-from typing import Any
-
-from gateway.emulator.streams import generator
-
-Data = dict[str, Any]
+from tests.campaign.dice import Data, Dice
+from tests.campaign.wide import widened
 
 START = 1_780_000_000.0
 LAT_DEG, LON_DEG = 39.8, 116.2
@@ -76,31 +73,13 @@ GRADES: dict[str, tuple[Data, list[float]]] = {
 }
 
 
-class Dice:
-    """Draws of one mission."""
-
-    def __init__(self, seed: int, number: int) -> None:
-        self._rng = generator(seed, "campaign", str(number))
-
-    def between(self, low: float, high: float) -> float:
-        """A number, to three digits: a scenario is read by people."""
-        return float(f"{self._rng.uniform(low, high):.3g}")
-
-    def whole(self, low: int, high: int) -> int:
-        """A whole number, both ends among them."""
-        return int(self._rng.integers(low, high + 1))
-
-    def one(self, *values: Any) -> Any:
-        return values[self._rng.integers(len(values))]
-
-    def chance(self, probability: float) -> bool:
-        return bool(self._rng.random() < probability)
-
-
-def mission(seed: int, number: int, longest_s: float = 600.0) -> tuple[Data, str]:
+def mission(
+    seed: int, number: int, longest_s: float = 600.0, *, wide: bool = False
+) -> tuple[Data, str]:
     """The scenario of a mission as plain data, and its filter's error definition.
 
-    Codecs come in turn, all else is drawn.
+    Codecs come in turn, all else is drawn; what makes it wide is drawn by itself, so that a mission
+    without is the same as ever.
     """
     dice = Dice(seed, number)
     duration_s = round(dice.between(0.2 * longest_s, longest_s))
@@ -120,7 +99,9 @@ def mission(seed: int, number: int, longest_s: float = 600.0) -> tuple[Data, str
             "sigma": {"position_m": [5.0, 5.0, 1.0], "velocity_m_s": 0.2, "attitude_deg": sigma}
         },
     }
-    return data | {"faults": _faults(dice, data)}, dice.one(*ERRORS)
+    data |= {"faults": _faults(dice, data)}
+    error = dice.one(*ERRORS)
+    return (widened(Dice(seed, number, "wide"), number, data) if wide else data), error
 
 
 def _way(dice: Dice) -> Data:

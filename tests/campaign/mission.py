@@ -108,9 +108,9 @@ class Wire:
         return stamped[name]
 
 
-def fly(seed: int, number: int, longest_s: float) -> Result:
+def fly(seed: int, number: int, longest_s: float, wide: bool) -> Result:
     """One mission of a campaign."""
-    return run(number, *mission(seed, number, longest_s))
+    return run(number, *mission(seed, number, longest_s, wide=wide))
 
 
 def run(number: int, data: dict[str, Any], error: str) -> Result:
@@ -189,7 +189,8 @@ def _unaccounted(
         told = devices[name].counts
         if told.bytes != row.sent.bytes:
             yield f"{name}: {row.sent.bytes} bytes sent, {told.bytes} counted"
-        if name == "imu0" and told.records != told.measurements + sum(told.ignored.values()):
+        is_one = devices[name].kinds[name] not in ("usbl", "lbl")  # of a reply there may be two
+        if is_one and told.records != told.measurements + sum(told.ignored.values()):
             yield f"{name}: {told.records} records, {told.measurements} used, {told.ignored}"
         told_all = row.clock.source in ("time", "sequence") and not row.clock.resets
         if name == "imu0" and told_all and row.verdict.made != told.measurements + told.missing:

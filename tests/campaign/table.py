@@ -18,30 +18,30 @@ HEAD = (
 
 def lines(results: list[Result]) -> Iterator[str]:
     """The table."""
-    for title, device in (("IMU", "imu0"), ("USBL", "usbl0")):
-        yield f"{title}, by codec"
+    for device in sorted({name for r in results for name in r.devices}, key=_DEVICES.index):
+        yield f"{device}, by codec"
         yield HEAD
-        codecs = sorted({r.devices[device].codec for r in results})
-        for codec in codecs:
-            yield _line(codec, [r for r in results if r.devices[device].codec == codec], [device])
+        have = [r for r in results if device in r.devices]
+        for codec in sorted({r.devices[device].codec for r in have}):
+            yield _line(codec, [r for r in have if r.devices[device].codec == codec], [device])
         yield ""
-    yield "both, by fault (a mission counts for each of its faults)"
+    yield "all devices, by fault (a mission counts for each of its faults)"
     yield HEAD
     for kind in ("none", *sorted({kind for r in results for kind in r.kinds})):
-        yield _line(kind, [r for r in results if kind in (r.kinds or ("none",))], _BOTH)
+        yield _line(kind, [r for r in results if kind in (r.kinds or ("none",))])
     yield ""
     yield "filter"
     yield HEAD
     for error in sorted({r.error for r in results}):
-        yield _line(error, [r for r in results if r.error == error], _BOTH)
-    yield _line("all", results, _BOTH)
+        yield _line(error, [r for r in results if r.error == error])
+    yield _line("all", results)
 
 
-_BOTH = ("imu0", "usbl0")
+_DEVICES = ("imu0", "usbl0", "lbl0", "gnss0", "depth0", "dvl0", "heading0")
 
 
-def _line(title: str, results: list[Result], devices: Iterable[str]) -> str:
-    rows = [r.devices[device] for r in results for device in devices]
+def _line(title: str, results: list[Result], devices: Iterable[str] = _DEVICES) -> str:
+    rows = [r.devices[device] for r in results for device in devices if device in r.devices]
 
     def total(of: Callable[[DeviceRow], int]) -> int:
         return sum(map(of, rows))

@@ -24,10 +24,23 @@ EVERY_DAMAGE = [
 ]
 
 
-def test_every_inertial_and_acoustic_codec_is_drawn():
+def test_every_codec_is_drawn():
     codecs = [registry.lookup(name) for name in registry.CODECS]
     assert {c.name for c in codecs if c.kind == "imu"} == set(IMUS)
     assert {c.name for c in codecs if c.kind == "usbl"} == set(USBLS)
+    wide = {d["codec"] for n in range(40) for d in drawn(1, n, wide=True)[0]["devices"].values()}
+    assert {c.name for c in codecs if c.kind != "any"} == wide
+
+
+def test_a_wide_mission_is_the_ordinary_one_and_more():
+    for number in range(12):
+        plain, wide = drawn(1, number)[0], drawn(1, number, wide=True)[0]
+        assert plain["devices"].items() < wide["devices"].items()
+        faults = len(plain["faults"])
+        assert plain["faults"] == wide["faults"][:faults]
+        assert {k: wide[k] for k in plain if k not in ("devices", "faults")} == {
+            k: plain[k] for k in plain if k not in ("devices", "faults")
+        }
 
 
 @pytest.mark.parametrize("number", [4, 5, 11])
@@ -41,6 +54,26 @@ def test_a_mission_full_of_damage_accounts_for_every_byte(number):
     assert min(sent.damaged, sent.dropped, sent.repeated, sent.junk_bytes) > 0
     assert len(result.z) > 20
     assert any(line.startswith("all ") for line in lines([result]))
+
+
+def test_a_wide_mission_full_of_damage_accounts_for_every_byte():
+    data, error = drawn(5, 31, SECONDS, wide=True)
+    data["devices"]["imu0"]["rate_hz"] = 100.0
+    others = data["devices"].keys() - {"imu0", "usbl0"}
+    assert others == {"lbl0", "gnss0", "dvl0"}
+    damage = {"at_s": 5.0, "for_s": 15.0, "probability": 0.2}
+    faults = [
+        {"fault": fault, "device": device} | damage
+        for fault in ("flip", "truncate", "junk", "duplicate", "reorder", "drop")
+        for device in sorted(others)
+    ]
+    result = mission.run(31, data | {"faults": faults, "duration_s": 20.0}, error)
+    assert findings(result) == []
+    for name in others:
+        row = result.devices[name]
+        assert row.verdict.decoded > 0
+        assert row.sent.damaged + row.sent.dropped + row.sent.junk_bytes > 0
+    assert sum(line.endswith("by codec") for line in lines([result])) == 5
 
 
 def test_a_mission_is_the_same_again_and_far_errors_are_findings():

@@ -197,7 +197,7 @@ class Rig:
             reading = asyncio.create_task(self._read_log())
             try:
                 with self._stack:
-                    await self.until("READY", lambda: self.noticed("READY=1"), 60.0)
+                    await self.until("READY", lambda: self.noticed("READY=1"), 120.0)  # compiles
                     yield
                 await self._end(ends)
             finally:

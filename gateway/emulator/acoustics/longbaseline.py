@@ -82,12 +82,14 @@ def interrogate(scenario: Scenario, name: str, model: LblModel, trajectory: Traj
     error_m += outlier * longer
     one_way = travel_time * (1.0 + constants.range_scale) + error_m / scenario.sound_speed_m_s
     near = (one_way > 0.0) & (one_way * scenario.sound_speed_m_s < model.max_range_m)
+    t_rx = np.stack([way.t_rx for way in ways], axis=-1)
     answered = np.stack([way.answered for way in ways], axis=-1)
+    answered &= t_rx - t_ping[:, None] <= timeout_s(model, scenario.sound_speed_m_s)
     answered &= rng("missed").random(asked.shape) >= model.missed_probability
     return Replies(
         names=[beacon.name for beacon in beacons],
         t_ping=t_ping,
-        t_rx=np.stack([way.t_rx for way in ways], axis=-1),
+        t_rx=t_rx,
         one_way=one_way,
         range_rate=rate + model.noise.range_rate_m_s * rng("rate").standard_normal(asked.shape),
         asked=asked,
