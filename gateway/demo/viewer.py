@@ -13,7 +13,7 @@ import msgspec
 from gateway.demo.stage import Stage
 from gateway.emulator.truth import TruthFile
 from gateway.errors import UsblnavError
-from gateway.nav.earth import radii
+from gateway.nav.earth import north_east
 from gateway.outputs.schema import NavReport
 from gateway.outputs.zenoh import at, open_subscription
 
@@ -96,14 +96,13 @@ class Viewer:
         truth = self._truth.at(nav.t_s)
         if truth is None:
             return
-        R_M, R_N = radii(math.radians(truth.lat_deg))
-        north = math.radians(nav.lat_deg - truth.lat_deg) * float(R_M)
-        east = math.radians(nav.lon_deg - truth.lon_deg) * float(R_N)
+        places = nav.lat_deg, nav.lon_deg, truth.lat_deg, truth.lon_deg
+        north, east = map(float, north_east(*map(math.radians, places)))
         self.samples.append(
             Sample(
                 nav,
                 north,
-                east * math.cos(math.radians(truth.lat_deg)),
+                east,
                 (nav.heading_deg - truth.heading_deg + 180.0) % 360.0 - 180.0,
             )
         )

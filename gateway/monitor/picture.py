@@ -3,10 +3,11 @@
 import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from gateway.nav.earth import north_east
 from gateway.outputs.schema import NavReport
 
-METRES_A_DEGREE = 111_195.0
-"""Of latitude on a sphere: enough for a picture."""
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 _BLANK = 0x2800
 _ELLIPSE_POINTS = 120
@@ -27,7 +28,7 @@ def draw(track: Sequence[NavReport], width: int, height: int) -> list[str]:
     """
     here = track[-1]
     ellipse = list(_ellipse(here))
-    points = [_offset(nav, here) for nav in track] + ellipse
+    points = _way(track, here) + ellipse
     canvas = _Canvas(width, height - 1, points)
     for point in points[: len(track)]:
         canvas.dot(point)
@@ -78,11 +79,11 @@ class _Canvas:
         return min(max(int(x), 0), self._columns - 1), min(max(int(y), 0), self._rows - 1)
 
 
-def _offset(nav: NavReport, here: NavReport) -> Point:
+def _way(track: Sequence[NavReport], here: NavReport) -> list[Point]:
     """Metres east and north of a place."""
-    east = (nav.lon_deg - here.lon_deg + 180.0) % 360.0 - 180.0
-    east *= math.cos(math.radians(here.lat_deg))
-    return east * METRES_A_DEGREE, (nav.lat_deg - here.lat_deg) * METRES_A_DEGREE
+    lat, lon = np.radians([(nav.lat_deg, nav.lon_deg) for nav in track]).T
+    north, east = north_east(lat, lon, math.radians(here.lat_deg), math.radians(here.lon_deg))
+    return list(zip(east.tolist(), north.tolist(), strict=True))
 
 
 def _ellipse(nav: NavReport) -> Iterable[Point]:

@@ -3,7 +3,7 @@
 import math
 from typing import Literal
 
-from gateway.nav.earth import radii
+from gateway.nav.earth import north_east
 from gateway.outputs.schema import NavReport, TargetReport, error_ellipse, wrap, wrap_180
 from gateway.targets import Followed
 
@@ -16,7 +16,8 @@ def target_report(followed: Followed, nav: NavReport) -> TargetReport:
     place, patience_s = followed.place, followed.block.max_age_s
     assert place is not None
     lat_deg, lon_deg = math.degrees(place.lat), wrap_180(math.degrees(place.lon))
-    north, east = _offset(nav, place.lat, place.lon)
+    own = math.radians(nav.lat_deg), math.radians(nav.lon_deg)
+    north, east = map(float, north_east(place.lat, place.lon, *own))
     sd = [math.sqrt(max(float(place.P[k, k]), 0.0)) for k in range(6)]
     major, minor, orientation = error_ellipse(sd[0], sd[1], float(place.P[0, 1]))
     state: Literal["tracked", "coasting", "lost"] = "tracked"
@@ -49,12 +50,3 @@ def target_report(followed: Followed, nav: NavReport) -> TargetReport:
         bearing_deg=wrap(math.degrees(math.atan2(east, north))),
         range_m=math.hypot(north, east),
     )
-
-
-def _offset(nav: NavReport, lat: float, lon: float) -> tuple[float, float]:
-    """Metres north and east of a place (rad) from our own, on the ellipsoid between them."""
-    own_lat = math.radians(nav.lat_deg)
-    middle = 0.5 * (own_lat + lat)
-    R_M, R_N = radii(middle)
-    turn = math.radians(wrap_180(math.degrees(lon) - nav.lon_deg))
-    return (lat - own_lat) * float(R_M), turn * float(R_N) * math.cos(middle)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
-from gateway.nav.earth import radii
+from gateway.nav.earth import north_east
 from gateway.report.source import Errors, Innovations, Source
 
 Array = NDArray[np.float64]
@@ -57,8 +57,8 @@ def track(source: Source) -> Figure:
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     axis = figure.subplots()
     nav = source.nav
-    lat0, lon0 = float(np.mean(nav["lat_deg"])), float(np.mean(nav["lon_deg"]))
-    east, north = _metres(nav["lat_deg"], nav["lon_deg"], lat0, lon0)
+    middle = np.radians(np.mean(nav["lat_deg"])), np.radians(np.mean(nav["lon_deg"]))
+    north, east = north_east(np.radians(nav["lat_deg"]), np.radians(nav["lon_deg"]), *middle)
     if source.errors is not None:
         inside = np.isin(nav["t_s"], source.errors.t_s)
         true_e, true_n = east[inside] - source.errors.east_m, north[inside] - source.errors.north_m
@@ -68,12 +68,12 @@ def track(source: Source) -> Figure:
     axis.plot(east[-1], north[-1], "s", color=SOLUTION, markersize=5, label="end")
     if source.config is not None:
         for name, beacon in source.config.moored.items():
-            place = np.array([beacon.lat_deg]), np.array([beacon.lon_deg])
-            b_e, b_n = _metres(*place, lat0, lon0)
+            place = np.radians(beacon.lat_deg), np.radians(beacon.lon_deg)
+            b_n, b_e = map(float, north_east(*place, *middle))
             axis.plot(b_e, b_n, "^", color=REFUSED, markersize=7)
-            axis.annotate(f" beacon {name}", (b_e[0], b_n[0]), color=REFUSED)
+            axis.annotate(f" beacon {name}", (b_e, b_n), color=REFUSED)
     for name, places in source.targets.items():
-        t_e, t_n = _metres(places[:, 0], places[:, 1], lat0, lon0)
+        t_n, t_e = north_east(np.radians(places[:, 0]), np.radians(places[:, 1]), *middle)
         axis.plot(*_thin(t_e, t_n), color=FOLLOWED, linewidth=1.0, label=f"target {name}")
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east (m)")
@@ -227,13 +227,6 @@ def _shade(axis: Axes, t: Array, modes: NDArray[np.str_]) -> None:
     for begin, end in pairwise(starts):
         colour = _MODES.get(str(modes[begin]), "#f9d7d2")
         axis.axvspan(t[begin], t[min(end, len(t) - 1)], color=colour, linewidth=0, zorder=0)
-
-
-def _metres(lat_deg: Array, lon_deg: Array, lat0: float, lon0: float) -> tuple[Array, Array]:
-    """East and north of a middle."""
-    R_M, R_N = radii(np.radians(lat0))
-    east = np.radians((lon_deg - lon0 + 180.0) % 360.0 - 180.0) * float(R_N)
-    return east * np.cos(np.radians(lat0)), np.radians(lat_deg - lat0) * float(R_M)
 
 
 def _since(t_s: Array, source: Source) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gateway.config import Config, load
 from gateway.emulator.truth import TruthRow
 from gateway.errors import ConfigError
-from gateway.nav.earth import radii
+from gateway.nav.earth import north_east
 from gateway.outputs.files import NAV_DECIMALS
 
 Array = NDArray[np.float64]
@@ -198,9 +198,9 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
         name: np.interp(t_s, true["t_s"], true[name]) for name in ("lat_deg", "lon_deg", "height_m")
     }
     heading = np.unwrap(true["heading_deg"], period=360.0)
-    R_M, R_N = radii(np.radians(at["lat_deg"]))
-    north = np.radians(nav["lat_deg"][inside] - at["lat_deg"]) * (R_M + at["height_m"])
-    east = np.radians(nav["lon_deg"][inside] - at["lon_deg"]) * (R_N + at["height_m"])
+    lat, lon = np.radians(nav["lat_deg"][inside]), np.radians(nav["lon_deg"][inside])
+    true_place = np.radians(at["lat_deg"]), np.radians(at["lon_deg"])
+    north, east = north_east(lat, lon, *true_place, at["height_m"])
     turn = nav["heading_deg"][inside] - np.interp(t_s, true["t_s"], heading)
     sigmas = {
         "north_m": "sd_n_m",
@@ -211,7 +211,7 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
     return Errors(
         t_s=t_s,
         north_m=north,
-        east_m=east * np.cos(np.radians(at["lat_deg"])),
+        east_m=east,
         down_m=at["height_m"] - nav["height_m"][inside],
         heading_deg=(turn + 180.0) % 360.0 - 180.0,
         sigma={name: nav[column][inside] for name, column in sigmas.items()},

@@ -57,6 +57,20 @@ def test_columns_of_C_en_are_the_directions_of_travel():
     )
 
 
+@pytest.mark.parametrize(("lat", "lon"), [(0.7, -2.1), (-1.2, np.pi - 1e-4), (0.0, -np.pi)])
+def test_north_and_east_are_those_of_the_way_between(lat, lon):
+    """Against the chord in the axes half way; over 10 km it is 1 mm shorter than the arc."""
+    h = -40.0
+    there = lat + np.array([8e-4, -1e-6, 0.0]), lon + np.array([9e-4, 1e-6, -1e-5])
+    north, east = earth.north_east(*there, lat, lon, h)
+    wrapped = earth.north_east(there[0], there[1] + 2.0 * np.pi, lat, lon - 4.0 * np.pi, h)
+    np.testing.assert_allclose(wrapped, (north, east), atol=1e-7)
+    chord = earth.lla_to_ecef(*there, h) - earth.lla_to_ecef(lat, lon, h)
+    half_way = earth.C_en(0.5 * (there[0] + lat), 0.5 * (there[1] + lon))
+    expected = np.einsum("kij,ki->kj", half_way, chord)[:, :2]
+    np.testing.assert_allclose(np.column_stack([north, east]), expected, atol=0.05)
+
+
 def test_C_en_is_a_rotation_everywhere():
     C = earth.C_en(LAT, LON)
     np.testing.assert_allclose(
