@@ -6,11 +6,9 @@ their channels, and leave signals to the host, which decides about the whole.
 
 import gc
 import os
-import signal
 import socket
 import sys
 from contextlib import suppress
-from pathlib import Path
 from select import POLLIN, poll, select
 
 from gateway.estimator import Estimator
@@ -28,6 +26,7 @@ from gateway.filter_process.channel import (
 from gateway.filter_process.progress import Progress
 from gateway.fusion.warmup import warm_up
 from gateway.nav.compiled import told_of_compiling
+from gateway.subordinate import call_it, serve_as
 
 END_S = 0.5
 """How long a worker may take to end after its host has."""
@@ -35,15 +34,13 @@ END_S = 0.5
 
 def main(fd: int) -> None:
     """Fork workers for one host until it closes the channel; in a worker, serve it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    _call_it("usblnav-spare")
+    serve_as("usblnav-spare")
     with suppress(BrokenPipeError, ConnectionResetError):  # the host is gone
         with socket.socket(fileno=fd) as control:
             orders = _prepare(control)
             given = None if orders is None else _fork_on_demand(control)
         if orders is not None and given is not None:
-            _call_it("usblnav-filter")
+            call_it("usblnav-filter")
             channel, progress = given
             with channel:
                 worker.serve(channel, progress, orders)
@@ -104,12 +101,6 @@ def _see_off(children: dict[int, int]) -> None:
     for fd, pid in children.items():
         if select([fd], [], [], END_S)[0]:
             os.waitpid(pid, 0)
-
-
-def _call_it(name: str) -> None:
-    """Name this process, for `ps` and `top`."""
-    with suppress(OSError):
-        Path("/proc/self/comm").write_text(name)
 
 
 if __name__ == "__main__":

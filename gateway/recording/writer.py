@@ -6,7 +6,6 @@ the daemon closes the channel, or dies; signals are the daemon's.
 """
 
 import os
-import signal
 import socket
 import sys
 import time
@@ -51,6 +50,7 @@ from gateway.recording.schema import (
     location_message,
     raw_message,
 )
+from gateway.subordinate import serve_as
 from gateway.utc import UtcSample
 
 FLUSH_S = 0.5
@@ -63,8 +63,7 @@ MB = 1_000_000
 
 def main(fd: int) -> None:
     """Serve one daemon until it closes the channel."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    serve_as("usblnav-record")
     with suppress(PermissionError):  # a courtesy, not worth a recording
         os.nice(NICENESS)
     with socket.socket(fileno=fd) as channel:

@@ -19,6 +19,7 @@ from gateway.recording.events import Raw
 from gateway.recording.host import Recorder
 from gateway.recording.reader import RecordedRun
 from tests.gateway.recorded import config, files, raw, topics, utc
+from tests.integration.rig import comm
 
 pytestmark = pytest.mark.live
 
@@ -72,14 +73,12 @@ def chunks(run: RecordedRun) -> list[int]:
 
 
 def writers() -> list[int]:
-    """Process ids of living writers of this process."""
-    found = []
+    """Process ids of living writers of this process, by what `ps` calls them."""
+    found: list[int] = []
     for task in Path("/proc/self/task").iterdir():
-        with suppress(FileNotFoundError, ProcessLookupError):  # threads and processes end
-            for pid in (task / "children").read_text().split():
-                command = Path(f"/proc/{pid}/cmdline").read_bytes()
-                found += [int(pid)] if b"gateway.recording.writer" in command else []
-    return found
+        with suppress(FileNotFoundError, ProcessLookupError):  # threads end
+            found += map(int, (task / "children").read_text().split())
+    return [pid for pid in found if comm(pid) == "usblnav-record"]
 
 
 def said(caplog: pytest.LogCaptureFixture) -> list[str]:
