@@ -247,9 +247,11 @@ class Estimator:
         for end in self._due(t_ns):
             yield from self._extend(t_ns[begin:end], rows[begin:end])
             yield from self._report(int(t_ns[end - 1]))
+            yield from self._timeline.catch_up()
             begin = end
         if begin < len(t_ns):
             yield from self._extend(t_ns[begin:], rows[begin:])
+            yield from self._timeline.catch_up()
 
     def _extend(self, t_ns: NDArray[np.int64], rows: NDArray[np.float64]) -> Iterator[Verdict]:
         """Run over samples, counting them; before that find the attitude where it is not known."""

@@ -6,8 +6,9 @@ samples with every measurement in order: the result is that of the run in which 
 A measurement between two samples splits the increment of the sample that covers it.
 
 Where there is much to run again it is done in slices, one for each new sample, while the newest
-state goes on without the measurement; when the rerun has caught up, it is the newest state. What
-comes out depends on the order of samples and measurements, never on time spent.
+state goes on without the measurement; when the rerun has caught up, it is the newest state. No
+solution waits for a slice: `catch_up` runs it when that is given. What comes out depends on the
+order of samples and measurements, never on time spent.
 
 The timeline knows order and time only; what a measurement means is the engine's business.
 """
@@ -66,7 +67,7 @@ class Timeline(Generic[V]):
     ahead_s
         How far ahead of the samples a measurement may lie; None is no bound, nor on their number.
     slice_
-        Samples run again for each new one; None runs all of them at once.
+        Samples run again after each new one; None runs all of them at once.
     after
         A settled note of another timeline, whose state the engine has; all samples and
         measurements that came after it are to follow in the order of their arrival.
@@ -94,6 +95,7 @@ class Timeline(Generic[V]):
         self._order = Order()  # every measurement of the lag, applied or waiting
         self._slice = ALL if slice_ is None else slice_
         self._rerun: _Rerun | None = None
+        self._owes = False  # the slice of the newest sample
         self._again_ns = NEVER  # of what came late behind the rerun
         self._notes: list[Note] = []
         self._forget_at = 0  # only so often: there is nothing to forget between snapshots
@@ -108,6 +110,8 @@ class Timeline(Generic[V]):
 
     def extend(self, t_ns: Times, rows: Array) -> list[V]:
         """Take new samples, oldest first, and give the verdicts on measurements they reached.
+
+        What `catch_up` was not asked for before is done first.
 
         Parameters
         ----------
@@ -179,6 +183,12 @@ class Timeline(Generic[V]):
             self._again_ns = min(self._again_ns, t_ns)
         return verdicts
 
+    def catch_up(self) -> list[V]:
+        """Run the slice that the newest sample has brought, if any; give the verdicts."""
+        verdicts: list[V] = []
+        self._run_slice(self._history.count, verdicts)
+        return verdicts
+
     def at(self, t_ns: int) -> Array:
         """Track at a moment before the newest sample."""
         history, head = self._history, self._history.count
@@ -222,7 +232,8 @@ class Timeline(Generic[V]):
         """Run to its end what is being run again; give the verdicts."""
         verdicts: list[V] = []
         while self._rerun is not None:
-            self._catch_up(self._rerun, self._history.count, verdicts)
+            self._owes = True
+            self._run_slice(self._history.count, verdicts)
         return verdicts
 
     def waiting(self) -> list[Any]:
@@ -275,15 +286,20 @@ class Timeline(Generic[V]):
     def _advance(self, count: int, verdicts: list[V]) -> None:
         """Carry the newest state on over the samples after a count, and the rerun with it."""
         history = self._history
-        while self._rerun is not None and count < history.count:
+        while count < history.count:
+            self._run_slice(count, verdicts)
+            if self._rerun is None:
+                self._run(count, history.count, ALL, verdicts)
+                return
             self._engine.advance(history.rows(count, count + 1), history.track(count, count + 1))
+            self._owes = True
             count += 1
-            self._catch_up(self._rerun, count, verdicts)
-        if count < history.count:
-            self._run(count, history.count, ALL, verdicts)
 
-    def _catch_up(self, rerun: _Rerun, head: int, verdicts: list[V]) -> None:
-        """Run a slice; at `head` the rerun's state becomes the newest."""
+    def _run_slice(self, head: int, verdicts: list[V]) -> None:
+        """Run the slice that is owed; at `head` the rerun's state becomes the newest."""
+        rerun, owes, self._owes = self._rerun, self._owes, False
+        if rerun is None or not owes:
+            return
         newest = self._engine.save()
         self._engine.restore(rerun.state)
         rerun.count = self._run(rerun.count, head, self._slice, verdicts)

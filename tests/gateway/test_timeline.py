@@ -372,7 +372,7 @@ def busy(history_s=30.0, slice_=SLICE):
 
 
 def test_no_step_takes_long_though_much_is_run_again():
-    """Late by 25 s: nothing at once, then a slice for each sample, the newest state going on."""
+    """Late by 25 s: nothing at once, then a slice after each sample, the newest state going on."""
     engine, timeline = busy()
     timeline.extend(*samples(0, 3000))
     engine.spent()
@@ -380,13 +380,36 @@ def test_no_step_takes_long_though_much_is_run_again():
     assert engine.spent() == 0
     verdicts, steps = [], 0
     while not verdicts or engine.seen == []:
-        verdicts += timeline.extend(*samples(3000 + steps, 1))
+        assert timeline.extend(*samples(3000 + steps, 1)) == []
         steps += 1
-        assert engine.spent() <= SLICE + 5
+        assert engine.spent() == 1, "a solution waits for its sample only"
         assert engine.sum == pytest.approx(3000.0 + steps)
+        verdicts += timeline.catch_up()
+        assert engine.spent() <= SLICE + 5
     assert verdicts == ["m"]
     assert engine.seen == [("m", 500.5)]
     assert steps <= (2525 + UPDATE) / SLICE + 2
+    assert timeline.catch_up() == []
+    assert engine.spent() == 0
+
+
+def test_a_slice_that_nobody_asked_for_is_run_before_the_next_sample():
+    """Verdicts come one sample later, and the state is the same."""
+
+    def run(asks):
+        engine, timeline = busy()
+        timeline.extend(*samples(0, 3000))
+        timeline.insert("m", at(500.5), "m")
+        out = []
+        for k in range(3000, 3012):
+            verdicts = timeline.extend(*samples(k, 1))
+            out.append((verdicts + timeline.catch_up() if asks else verdicts, engine.sum))
+        return out
+
+    asked, unasked = run(asks=True), run(asks=False)
+    assert [v for v, _ in asked[:-1]] == [v for v, _ in unasked[1:]]
+    assert ["m"] in [v for v, _ in asked]
+    assert [s for _, s in asked] == [s for _, s in unasked]
 
 
 def test_what_fits_a_slice_is_run_at_once():
