@@ -6,12 +6,12 @@ device, or the host, began anew.
 """
 
 from collections.abc import Sequence
-from math import inf
+from math import hypot, inf
 from typing import Literal, NamedTuple
 
 import msgspec
 
-from gateway.envelope import Before, Envelope
+from gateway.envelope import WINDOW, Before, Envelope, EnvelopeMemory
 
 LOCKED_AFTER = 8
 """Stretches after which a clock is locked: what it learns then is slewed in, not stepped to."""
@@ -35,6 +35,8 @@ OUTAGE_S = 1.0
 """Silence after which a count that turns over quickly says nothing any more."""
 QUICK_S = 60.0
 """A turn shorter than this is quick."""
+ABSENCE_S = WINDOW
+"""Longer than this nothing of an offset outlives its process: what it rests on is older."""
 
 NEVER = 1 << 62
 """Modulus of a count that does not turn over."""
@@ -66,6 +68,36 @@ class ClockReport(msgspec.Struct, frozen=True):
     """How often the count, or the host's time with it, began anew."""
     untimed: int = 0
     """Records without the time they should carry, placed by their arrival."""
+
+
+class Placed(msgspec.Struct, frozen=True, array_like=True):
+    """Where a locked clock has the device's count, see `DeviceClock`."""
+
+    origin_ns: int
+    t_last_ns: int
+    first: int
+    last: int
+    due_s: float
+    lag_s: float
+    envelope: EnvelopeMemory
+
+
+class ClockMemory(msgspec.Struct, frozen=True, array_like=True):
+    """A clock as it outlives its process.
+
+    ``before`` is what is believed where the count begins anew: its drift and jitter, the device's
+    own and the line's; ``placed`` is None where no more than that is known.
+    """
+
+    unit_s: float
+    modulus: int
+    before: Before
+    queue_s: float
+    placed: Placed | None = None
+
+
+Clocks = dict[str, dict[str, ClockMemory]]
+"""The clocks of each device, by what they go by."""
 
 
 class Tick(NamedTuple):
@@ -112,8 +144,9 @@ class DeviceClock:
         self._origin_ns = self._t_last_ns = 0
         self._first = self._last = 0
         self._due_s = self._lag_s = 0.0
-        self._envelope = Envelope(Before())
-        self._queue_s = 0.0
+        self._before = Before()
+        self._envelope = Envelope(self._before)
+        self._queue_s = self._sure_queue_s = 0.0
         self._chunks = 0
         self.resets = 0
 
@@ -168,6 +201,31 @@ class DeviceClock:
         self._learn_queue(seen[-1])
         return ticks + [self._place(one) for one in seen]
 
+    def memory(self) -> ClockMemory | None:
+        """What is worth keeping when this process ends; None where nothing is known."""
+        known = self._unit_s, self._modulus, self._heritage(), self._sure_queue_s
+        if self._locked:
+            where = self._origin_ns, self._t_last_ns, self._first, self._last
+            placed = Placed(*where, self._due_s, self._lag_s, self._envelope.memory)
+            return ClockMemory(*known, placed)
+        return None if self._before == Before() else ClockMemory(*known)
+
+    def resume(self, memory: ClockMemory) -> None:
+        """Go on from what an earlier process knew; that of another count is of no use."""
+        if (memory.unit_s, memory.modulus) != (self._unit_s, self._modulus):
+            return
+        self._before = memory.before
+        self._queue_s = self._sure_queue_s = memory.queue_s
+        placed = memory.placed
+        if placed is None:
+            return
+        self._silent, self._locked = False, True
+        self._origin_ns, self._t_last_ns = placed.origin_ns, placed.t_last_ns
+        self._first, self._last = placed.first, placed.last
+        self._due_s, self._lag_s = placed.due_s, placed.lag_s
+        self._envelope = Envelope.of(placed.envelope)
+        self._rely_on_envelope()
+
     def report(self, source: Source, untimed: int = 0) -> ClockReport:
         """Offset, drift and how sure they are."""
         if self._silent:
@@ -214,20 +272,27 @@ class DeviceClock:
             self._moved(moved)
             if envelope.late >= LATE_STRETCHES:
                 return None
+            if not envelope.late:  # else it may be no queue
+                self._sure_queue_s = self._queue_s
         if step > 0:
             self._last, self._due_s = count, c + y
         return c, delay, step * self._unit_s
 
     def _moved(self, by_s: float) -> None:
         """Note that the envelope moved: a locked clock slews, and knows what is too early."""
-        self._period_s = self._unit_s * (1.0 + self.drift)
         if self._envelope.stretches < LOCKED_AFTER:
             self._lag_s = 0.0
+            self._period_s = self._unit_s * (1.0 + self.drift)
         else:
             self._locked = True
             self._lag_s -= by_s
-            early_s = max(EARLY_S, 10.0 * (self._envelope.line.sigma or 0.0))
-            self._early = min(self._backlog, early_s / self._unit_s)
+            self._rely_on_envelope()
+
+    def _rely_on_envelope(self) -> None:
+        """Take it for the truth, within what it says of itself."""
+        self._period_s = self._unit_s * (1.0 + self.drift)
+        early_s = max(EARLY_S, 10.0 * (self._envelope.line.sigma or 0.0))
+        self._early = min(self._backlog, early_s / self._unit_s)
 
     def _learn_queue(self, last: _Seen) -> None:
         """How long a chunk waits on the mean: so much the first ones after a reset are late."""
@@ -258,9 +323,7 @@ class DeviceClock:
 
     def _begin(self, value: int, t_arrival_ns: int) -> _Seen:
         """Start from this arrival; a drift that was known is nearly the same still."""
-        before = Before()
-        if self._locked:
-            before = Before(self.drift, DRIFT_AGAIN, self._envelope.jitter_s, JITTER_AGAIN)
+        self._before = self._heritage()
         if self._silent:
             self._silent, self._t_last_ns = False, t_arrival_ns
         else:
@@ -270,6 +333,40 @@ class DeviceClock:
         self._due_s = self._lag_s = 0.0
         self._locked = False
         self._early = self._backlog
-        self._envelope = Envelope(before)
-        self._chunks = 0
+        self._envelope = Envelope(self._before)
+        self._queue_s, self._chunks = self._sure_queue_s, 0
         return 0.0, 0.0, None
+
+    def _heritage(self) -> Before:
+        """What is believed where the count begins anew."""
+        if self._locked:
+            return Before(self.drift, DRIFT_AGAIN, self._envelope.jitter_s, JITTER_AGAIN)
+        return self._before if self._silent else Before()
+
+
+def aged(memory: ClockMemory, now_ns: int | None) -> ClockMemory:
+    """What is left of a clock after a time in which nobody listened.  # (M.177)
+
+    The drift always; the offset while that time is short and the count does not turn over quickly:
+    the first arrivals then show whether it still holds, one late stretch being enough.
+
+    Parameters
+    ----------
+    now_ns
+        Host's monotonic time now; None where that began anew, with the machine.
+    """
+    placed = memory.placed
+    if placed is None:
+        return memory
+    is_quick = memory.modulus * memory.unit_s < QUICK_S
+    away_s = inf if now_ns is None else (now_ns - placed.t_last_ns) * 1e-9
+    if away_s > (OUTAGE_S if is_quick else ABSENCE_S):
+        return msgspec.structs.replace(memory, placed=None)
+    line = placed.envelope.line
+    sigma = hypot(line.sigma or 0.0, DRIFT_AGAIN * away_s)
+    envelope = placed.envelope._replace(
+        line=line._replace(sigma=sigma), late=LATE_STRETCHES - 1, end=None, least=(0.0, inf)
+    )
+    return msgspec.structs.replace(
+        memory, placed=msgspec.structs.replace(placed, envelope=envelope)
+    )

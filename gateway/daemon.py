@@ -10,6 +10,7 @@ from drivers.links import Chunk, open_link
 from drivers.links.pps import edges
 from drivers.settings import StdioLink
 from gateway import bootclock, realtime, statefile, systemd
+from gateway.clock import Clocks
 from gateway.config import Config, NmeaOutput, Output
 from gateway.filter_process.host import FilterHost
 from gateway.filter_process.launcher import Begun
@@ -30,6 +31,7 @@ from gateway.outputs.feeds import Feed, open_feed
 from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.recording.host import Recorder
+from gateway.resume import COLD, Resume
 from gateway.supervise import Alive, keep_running
 from gateway.targets import Targets
 from gateway.utc import UtcHistory
@@ -74,12 +76,15 @@ class _Daemon:
         self._stop = asyncio.Event()
         self._collector = realtime.Collector()
         self._feeds: list[Feed] = []
-        self._lines = [Line(intake) for intake in dict.fromkeys(intakes(config).values())]
         rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])
         path = statefile.place(config.state)
-        resume = None if cold or path is None else statefile.resume(path, config, bootclock.now())
+        resume = COLD
+        if path is not None and not cold:
+            resume = statefile.resume(path, config, bootclock.now())
         self._keeper = None if path is None else statefile.Keeper(path, config)
-        self._host = FilterHost(config, rate_hz, self._on_output, resume, begun)
+        ways_in = intakes(config, resume.clocks)
+        self._lines = [Line(intake) for intake in dict.fromkeys(ways_in.values())]
+        self._host = FilterHost(config, rate_hz, self._on_output, resume.state, begun)
         self._utc = UtcHistory()
         self._targets = Targets(config.targets)
         self._recorder: Recorder | None = None
@@ -209,10 +214,17 @@ class _Daemon:
         elif isinstance(output, FilterCounts):
             self._health.totals = output
         elif isinstance(output, SavedState):
-            if self._keeper is not None:
-                self._keeper.keep(output)
-            if self._recorder is not None:
-                self._recorder.state(output)
+            self._keep(output)
+
+    def _keep(self, state: SavedState) -> None:
+        """Hand on what another daemon, or a replay, can go on from."""
+        clocks: Clocks = {}
+        for line in self._lines:
+            clocks |= line.intake.clock_memory()
+        if self._keeper is not None:
+            self._keeper.keep(state, clocks)
+        if self._recorder is not None:
+            self._recorder.resume(Resume(state, clocks))
 
     def _sample_utc(self) -> None:
         """See how Unix time stands to monotonic time; a recording keeps it for its replays."""

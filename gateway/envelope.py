@@ -55,6 +55,22 @@ class Line(NamedTuple):
     sigma: float | None
 
 
+class EnvelopeMemory(NamedTuple):
+    """An envelope as it outlives its process: `Envelope` with all it has kept.
+
+    ``end`` is that of the stretch in hand; None where the next arrival begins one.
+    """
+
+    before: Before
+    line: Line
+    jitter_s: float
+    spread_s: float
+    late: int
+    end: float | None
+    least: tuple[float, float]
+    past: tuple[tuple[float, float], ...]
+
+
 class Envelope:
     """The lower envelope of delays as they come in, each beyond that of the first.
 
@@ -74,9 +90,33 @@ class Envelope:
         self.jitter_s = before.jitter_s
         self.late = 0
         self._spread_s = 0.0
-        self._end = STRETCH_S
+        self._end: float | None = STRETCH_S
         self._least = (0.0, 0.0)
         self._past: deque[tuple[float, float]] = deque(maxlen=WINDOW)
+
+    @classmethod
+    def of(cls, memory: EnvelopeMemory) -> "Envelope":
+        """The envelope that was remembered."""
+        envelope = cls(memory.before)
+        envelope.line, envelope.jitter_s = memory.line, memory.jitter_s
+        envelope.late, envelope._spread_s = memory.late, memory.spread_s
+        envelope._end, envelope._least = memory.end, memory.least
+        envelope._past.extend(memory.past)
+        return envelope
+
+    @property
+    def memory(self) -> EnvelopeMemory:
+        """All that it has kept."""
+        return EnvelopeMemory(
+            self._before,
+            self.line,
+            self.jitter_s,
+            self._spread_s,
+            self.late,
+            self._end,
+            self._least,
+            tuple(self._past),
+        )
 
     @property
     def stretches(self) -> int:
@@ -90,6 +130,8 @@ class Envelope:
 
     def add(self, c: float, delay: float, above: float) -> bool:
         """Take the delay of one arrival, so much above the line; tell whether the line moved."""
+        if self._end is None:
+            self._end = c + STRETCH_S
         if delay < self._least[1]:
             self._least = (c, delay)
         if above < 0.0:

@@ -3,7 +3,9 @@
 What a sentence is late by no longer matters then. Where the pulses stop, its own clock goes on.
 """
 
-from gateway.clock import ClockReport, DeviceClock, Tick
+from collections.abc import Mapping
+
+from gateway.clock import ClockMemory, ClockReport, DeviceClock, Tick
 
 DAY_MS = 86_400_000
 SECOND_MS = 1000
@@ -47,6 +49,17 @@ class PulsedClock:
         if self._is_pulsed():
             return Tick(self._pulsed.locate(value), tick.step_s)
         return tick
+
+    def memory(self) -> dict[str, ClockMemory]:
+        """What is worth keeping when this process ends, of the sentences and of the pulses."""
+        found = {"time": self._told.memory(), "pulse": self._pulsed.memory()}
+        return {name: memory for name, memory in found.items() if memory is not None}
+
+    def resume(self, clocks: Mapping[str, ClockMemory]) -> None:
+        """Go on from what an earlier process knew."""
+        for name, clock in (("time", self._told), ("pulse", self._pulsed)):
+            if name in clocks:
+                clock.resume(clocks[name])
 
     def report(self, untimed: int) -> ClockReport:
         """That of the pulses, while there are any."""

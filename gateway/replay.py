@@ -76,7 +76,7 @@ def run(
     begun = time.perf_counter()
     traffic = open_traffic(captures, config, rate_hz)
     config = traffic.config
-    devices = intakes(config)
+    devices = intakes(config, traffic.resume.clocks)
     with ExitStack() as stack:
         runs = {
             name: _Run(
@@ -120,7 +120,7 @@ class _Run:
     def __init__(
         self, config: Config, files: ReplayFiles, traffic: Traffic, smooth: bool, tell: Tell
     ) -> None:
-        how = config, traffic.rate_hz, traffic.resume
+        how = config, traffic.rate_hz, traffic.resume.state
         self._config = config
         self._files = files
         self._traffic = traffic

@@ -1,4 +1,4 @@
-"""The newest state of the filter on disk, from which a gateway that was away begins again.
+"""The newest state of filter and clocks on disk, from which a gateway that was away begins again.
 
 A file is ``MAGIC``, the version (uint16, little-endian), a BLAKE2b digest of the rest (16 bytes),
 and the rest: msgpack of `Saved`. It is replaced as a whole, so that a reader finds the old one or
@@ -16,12 +16,16 @@ from pathlib import Path
 import msgspec
 
 from gateway.bootclock import Moment, now, unbelievable
+from gateway.clock import Clocks, aged
 from gateway.config import Config, StateFile
 from gateway.messages import SavedState
+from gateway.resume import COLD, Resume
 
 MAGIC = b"usblnav state\n"
-VERSION = 1
-"""Changes with the layout of the file, of `SavedState`, and of the state vector."""
+VERSION = 2
+"""Changes with the layout of the file, of `SavedState`, of the clocks, and of the state vector."""
+READABLE = (1, VERSION)
+"""The first had no clocks."""
 DIGEST_SIZE = 16
 END_S = 0.5
 """How long the end of a run waits for the disk."""
@@ -37,6 +41,7 @@ class Saved(msgspec.Struct, frozen=True, array_like=True):
     setup: bytes
     """Digest of all that gives the state its meaning, see `setup_of`."""
     state: SavedState
+    clocks: Clocks = {}
 
 
 class StateFileError(Exception):
@@ -92,7 +97,7 @@ def unpack(data: bytes, config: Config) -> Saved:
     if data[: len(MAGIC)] != MAGIC:
         raise StateFileError("is damaged or no state file", "damaged")
     version = int.from_bytes(data[len(MAGIC) : head], "little")
-    if version != VERSION:
+    if version not in READABLE:
         raise StateFileError(f"is of version {version}, not {VERSION}", "foreign")
     digest, body = data[head : head + DIGEST_SIZE], data[head + DIGEST_SIZE :]
     if digest != _digest(body):
@@ -108,24 +113,29 @@ def unpack(data: bytes, config: Config) -> Saved:
     return saved
 
 
-def resume(path: Path, config: Config, at: Moment) -> SavedState | None:
-    """The state to go on from, its time on the present monotonic clock; None to begin anew.
+def resume(path: Path, config: Config, at: Moment) -> Resume:
+    """What to go on from, its times on the present monotonic clock.
 
     Whatever the file is, one line of the log says what becomes of it; one that is of no use is set
-    aside.
+    aside. Of clocks something is left however old it is.
     """
     try:
         saved = unpack(path.read_bytes(), config)
     except FileNotFoundError:
-        return None
+        return COLD
     except OSError as error:
         _log.warning("state file %s: %s; starting cold", path, (error.strerror or "").lower())
-        return None
+        return COLD
     except StateFileError as error:
         aside = path.with_name(f"{path.name}.{error.suffix}")
         kept = f"kept as {aside.name}" if _moved(path, aside) else "left where it is"
         _log.warning("state file %s: %s; %s; starting cold", path, error, kept)
-        return None
+        return COLD
+    return Resume(_state_of(path, saved, config, at), _clocks_of(saved, at))
+
+
+def _state_of(path: Path, saved: Saved, config: Config, at: Moment) -> SavedState | None:
+    """The filter's state with its time of now; None where it is too old, or may be."""
     doubt = unbelievable(saved.written, at)
     if doubt is not None:
         _log.warning("state file %s: %s; starting cold", path, doubt)
@@ -136,6 +146,15 @@ def resume(path: Path, config: Config, at: Moment) -> SavedState | None:
         return None
     _log.info("state file %s: going on from a state %s old", path, _span(age_ns * 1e-9))
     return msgspec.structs.replace(saved.state, t_ns=at.mono_ns - age_ns)
+
+
+def _clocks_of(saved: Saved, at: Moment) -> Clocks:
+    """What is left of the devices' clocks."""
+    now_ns = at.mono_ns if at.boot == saved.written.boot else None
+    return {
+        device: {source: aged(clock, now_ns) for source, clock in clocks.items()}
+        for device, clocks in saved.clocks.items()
+    }
 
 
 def write(path: Path, data: bytes) -> None:
@@ -187,7 +206,7 @@ class Keeper:
         self._path = path
         self._vehicle, self._setup = config.vehicle, setup_of(config)
         self._period_s = config.state.period_s
-        self._newest: SavedState | None = None
+        self._newest: tuple[SavedState, Clocks] | None = None
         self._wanted = threading.Condition()
         self._ends = False
         self._written = self._failed = 0
@@ -203,10 +222,10 @@ class Keeper:
         age_s = None if at is None else round(time.monotonic() - at, 1)
         return KeeperStatus(str(self._path), age_s, self._written, self._failed)
 
-    def keep(self, state: SavedState) -> None:
+    def keep(self, state: SavedState, clocks: Clocks) -> None:
         """Take the newest state; never waits for the disk."""
         with self._wanted:
-            self._newest = state
+            self._newest = state, clocks
             self._wanted.notify()
 
     def close(self) -> None:
@@ -217,22 +236,22 @@ class Keeper:
         self._thread.join(END_S)
 
     def _run(self) -> None:
-        while (state := self._next()) is not None:
-            self._write(state)
+        while (newest := self._next()) is not None:
+            self._write(*newest)
             with self._wanted:
                 self._wanted.wait_for(lambda: self._ends, self._period_s)
 
-    def _next(self) -> SavedState | None:
+    def _next(self) -> tuple[SavedState, Clocks] | None:
         """The next state to write; None at the end."""
         with self._wanted:
             self._wanted.wait_for(lambda: self._ends or self._newest is not None)
-            state, self._newest = self._newest, None
-        return state
+            newest, self._newest = self._newest, None
+        return newest
 
-    def _write(self, state: SavedState) -> None:
+    def _write(self, state: SavedState, clocks: Clocks) -> None:
         """Write a state; a disk that fails is said once, and so is its recovery."""
         try:
-            write(self._path, pack(Saved(now(), self._vehicle, self._setup, state)))
+            write(self._path, pack(Saved(now(), self._vehicle, self._setup, state, clocks)))
         except OSError as error:
             self._failed += 1
             if not self._failing:

@@ -12,9 +12,9 @@ from drivers.capture.files import CaptureError
 from drivers.capture.streams import CaptureCounts, Payload, read_streams
 from gateway.config import Config
 from gateway.errors import ConfigError, UsblnavError
-from gateway.messages import SavedState
 from gateway.recording.events import Pulse, Raw
 from gateway.recording.reader import RecordedRun, RecordingCounts, is_recording
+from gateway.resume import COLD
 from gateway.utc import UtcHistory, UtcSample
 
 DEFAULT_RATE_HZ = 10.0
@@ -30,7 +30,7 @@ class Traffic(ABC):
     utc
         Unix time of their arrival times.
     resume
-        Where the filter began; None for the configured initial state.
+        Where it began.
     fault
         Why they ended early, or None.
     """
@@ -44,7 +44,7 @@ class Traffic(ABC):
     ) -> None:
         self.config, self.rate_hz = config, rate_hz
         self.utc = UtcHistory()
-        self.resume: SavedState | None = None
+        self.resume = COLD
         self.fault: CaptureError | None = None
         self._counts = counts
         self._stored = sum(map(_size, paths))

@@ -1,13 +1,14 @@
 """What every device's ingest has in common: counting, and when a frame was true."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from msgspec import UNSET
 
 from drivers.records import Measured, Record, Rejected
 from drivers.settings import SerialLink
-from gateway.clock import ClockReport, DeviceClock
+from gateway.clock import ClockMemory, ClockReport, DeviceClock
 from gateway.config import Device
 from gateway.pulse import DAY_MS, PulsedClock
 
@@ -57,6 +58,15 @@ class DeviceIngest:
         if self._day is None:
             return ClockReport("arrival", None)
         return self._day.report(self._untimed)
+
+    def clock_memory(self) -> dict[str, ClockMemory]:
+        """What outlives this process of how they are placed, by what that goes by."""
+        return {} if self._day is None else self._day.memory()
+
+    def resume(self, clocks: Mapping[str, ClockMemory]) -> None:
+        """Go on from what an earlier process knew."""
+        if self._day is not None:
+            self._day.resume(clocks)
 
     def _count(self, record: Record | Rejected) -> bool:
         """Count a record; False for rejected bytes."""

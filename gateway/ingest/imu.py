@@ -1,12 +1,14 @@
 """IMU records to increments in body axes, each at its time of validity."""
 
 from array import array
+from collections.abc import Mapping
 
+import msgspec
 import numpy as np
 from msgspec import UNSET
 
 from drivers.records import ImuRecord, Record, Rejected
-from gateway.clock import NEVER, ClockReport, DeviceClock, Source, Tick
+from gateway.clock import NEVER, ClockMemory, ClockReport, DeviceClock, Source, Tick
 from gateway.config import ImuDevice, wire_format
 from gateway.ingest.device import DeviceIngest
 from gateway.messages import ImuBlock, Measurement
@@ -40,6 +42,7 @@ class ImuIngest(DeviceIngest):
         self._tells_apart = (self._counting.time_step_s or 0.0) < self._period_s
         self._told_s: float | None = None
         self._timeless = 0
+        self._known: dict[str, ClockMemory] = {}
         self._clock = self._make_clock()
         self._counted = 0
         self._worst = 0.0
@@ -99,6 +102,20 @@ class ImuIngest(DeviceIngest):
         """How the samples are placed in time."""
         return self._clock.report(self._source)
 
+    def clock_memory(self) -> dict[str, ClockMemory]:
+        """What outlives this process: of frames that nobody counts the drift alone."""
+        memory = self._clock.memory()
+        if memory is None:
+            return self._known
+        if self._source == "frames":
+            memory = msgspec.structs.replace(memory, placed=None)
+        return {self._source: memory}
+
+    def resume(self, clocks: Mapping[str, ClockMemory]) -> None:
+        """Go on from what an earlier process knew, once it shows what the samples go by."""
+        self._known = dict(clocks)
+        self._clock = self._make_clock()
+
     def _is_again(self, record: ImuRecord) -> bool:
         """Whether a line says a sample twice, as its own time tells, whatever it is placed by."""
         before, self._told_s = self._told_s, record.t_device_s
@@ -121,6 +138,12 @@ class ImuIngest(DeviceIngest):
         return "frames"
 
     def _make_clock(self) -> DeviceClock:
+        clock, known = self._new_clock(), self._known.pop(self._source, None)
+        if known is not None:
+            clock.resume(known)
+        return clock
+
+    def _new_clock(self) -> DeviceClock:
         counting = self._counting
         if self._source == "time":
             turn_s = counting.time_modulus_s

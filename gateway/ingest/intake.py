@@ -17,7 +17,7 @@ from drivers.records import (
     UsblRecord,
 )
 from drivers.senders import Senders
-from gateway.clock import ClockReport
+from gateway.clock import ClockMemory, ClockReport, Clocks
 from gateway.config import (
     Config,
     DepthDevice,
@@ -73,6 +73,14 @@ class Ingest(Protocol):
 
     def clock_report(self) -> ClockReport:
         """How the device's measurements are placed in time."""
+        ...
+
+    def clock_memory(self) -> dict[str, ClockMemory]:
+        """What outlives this process of how they are placed, by what that goes by."""
+        ...
+
+    def resume(self, clocks: Mapping[str, ClockMemory]) -> None:
+        """Go on from what an earlier process knew."""
         ...
 
 
@@ -144,6 +152,10 @@ class Intake:
         """How the measurements of the device that names the line are placed in time."""
         return self._first.clock_report()
 
+    def clock_memory(self) -> Clocks:
+        """What outlives this process of how measurements are placed, by device."""
+        return {name: ingest.clock_memory() for name, ingest in self.ingests.items()}
+
     def _end_of_chunk(self) -> None:
         for ingest in self.ingests.values():
             ingest.end_of_chunk()
@@ -160,13 +172,21 @@ class Intake:
             self._measured += fixes
 
 
-def intakes(config: Config) -> dict[str, Intake]:
-    """By device the intake of its line, which it may share with others."""
+def intakes(config: Config, clocks: Clocks | None = None) -> dict[str, Intake]:
+    """By device the intake of its line, which it may share with others.
+
+    Parameters
+    ----------
+    clocks
+        What an earlier process knew of theirs.
+    """
     sea = Sea.of(config)
     ways: dict[str, Intake] = {}
     for names in config.lines:
         intake = Intake({name: config.devices[name] for name in names}, sea)
         ways |= dict.fromkeys(names, intake)
+        for name in names:
+            intake.ingests[name].resume((clocks or {}).get(name, {}))
     return ways
 
 

@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from gateway.config import Config, Recording
-from gateway.messages import SavedState
+from gateway.resume import COLD, Resume
 from gateway.utc import UtcSample
 
 Topic = Literal["nav", "innovation", "calibration", "target", "status"]
@@ -49,15 +49,15 @@ Event = Raw | Pulse | LineEvent | UtcSample | Report
 class Run(msgspec.Struct, frozen=True, array_like=True):
     """What is the same for all files of one run of the daemon.
 
-    ``name`` tells runs apart; ``rate_hz`` is that of the solutions; ``resume`` is where the filter
-    began, None at the configured initial state.
+    ``name`` tells runs apart; ``rate_hz`` is that of the solutions; ``resume`` is where it
+    began.
     """
 
     name: str
     software: str
     rate_hz: float
     config: Config
-    resume: SavedState | None = None
+    resume: Resume = COLD
 
 
 class Orders(msgspec.Struct, frozen=True, array_like=True, tag="orders"):
@@ -71,12 +71,12 @@ class Orders(msgspec.Struct, frozen=True, array_like=True, tag="orders"):
 class Batch(msgspec.Struct, frozen=True, array_like=True, tag="batch"):
     """Consecutive events; they are numbered through the run, the first one ``first``.
 
-    ``state`` is the filter's newest, from which a file that is begun now may be replayed by itself.
+    ``resume`` is the newest, from which a file that is begun now may be replayed by itself.
     """
 
     first: int
     events: list[Event]
-    state: SavedState | None = None
+    resume: Resume | None = None
 
 
 class Saved(msgspec.Struct, frozen=True, array_like=True, tag="saved"):

@@ -16,6 +16,7 @@ CHUNK_BYTES = 96 * 1024
 """Of messages, before compression. Small: all of a chunk is lost with its end."""
 RUN = "usblnav.run"
 RESUME = "resume.msgpack"
+CLOCKS = "clocks.msgpack"
 CONFIG = "config.json"
 """Stands last of what a file begins with."""
 
@@ -58,9 +59,10 @@ class RecordingFile:
         if utc is not None:
             about |= {"utc_from_ns": str(utc.t_ns), "utc_offset_ns": str(utc.offset_ns)}
         self._writer.add_metadata(RUN, about)
-        if run.resume is not None:
-            state = msgspec.msgpack.encode(run.resume)
-            self._writer.add_attachment(0, 0, RESUME, "application/msgpack", state)
+        for name, part in ((RESUME, run.resume.state), (CLOCKS, run.resume.clocks)):
+            if part:
+                data = msgspec.msgpack.encode(part)
+                self._writer.add_attachment(0, 0, name, "application/msgpack", data)
         config = msgspec.json.encode(run.config)
         self._writer.add_attachment(0, 0, CONFIG, "application/json", config)
 

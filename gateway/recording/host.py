@@ -17,7 +17,6 @@ from gateway.config import Config, Recording
 from gateway.filter_process.channel import MAX_MESSAGE, pair
 from gateway.filter_process.launcher import ending
 from gateway.health import HealthReport
-from gateway.messages import SavedState
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.realtime import ordinary
@@ -36,6 +35,7 @@ from gateway.recording.events import (
     encode,
     read_in_recorder,
 )
+from gateway.resume import COLD, Resume
 from gateway.supervise import Alive, Backoff, keep_running
 from gateway.utc import UtcSample
 
@@ -84,7 +84,7 @@ class Recorder:
     rate_hz
         Of the solutions.
     resume
-        Where the filter began.
+        Where it began.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Recorder:
         settings: Recording,
         config: Config,
         rate_hz: float,
-        resume: SavedState | None = None,
+        resume: Resume = COLD,
     ) -> None:
         self.up = asyncio.Event()
         self.name = f"recording {settings.folder}"
@@ -109,7 +109,7 @@ class Recorder:
         schemas = {t: msgspec.json.encode(msgspec.json.schema(k)) for t, k in TYPES.items()}
         self._orders = encode(Orders(run, settings, schemas))
         self._events: list[Event] = []
-        self._state: SavedState | None = None
+        self._resume: Resume | None = None
         self._size = 0
         self._next = 0
         self._waiting: deque[_Held] = deque()
@@ -130,9 +130,9 @@ class Recorder:
         """Take an edge, before the device's intake is told of it."""
         self._add(Pulse(device, t_ns), 0)
 
-    def state(self, state: SavedState) -> None:
-        """Take the filter's newest state, for the beginning of the next file."""
-        self._state = state
+    def resume(self, newest: Resume) -> None:
+        """Take the newest state, for the beginning of the next file."""
+        self._resume = newest
 
     def line(self, device: str, up: bool) -> None:
         """Take note of a line that was opened or lost."""
@@ -193,8 +193,8 @@ class Recorder:
         """Number the gathered events and send them on their way."""
         if not self._events:
             return
-        message = encode(Batch(self._next, self._events, self._state))
-        self._state = None
+        message = encode(Batch(self._next, self._events, self._resume))
+        self._resume = None
         self._next += len(self._events)
         self._handed_on.clear()
         self._waiting.append(_Held(len(self._events), self._next, message))

@@ -14,12 +14,14 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from drivers.capture.files import CaptureError
+from gateway.clock import Clocks
 from gateway.config import Config
 from gateway.errors import ConfigError
 from gateway.messages import SavedState
 from gateway.recording.events import Event, LineEvent, Pulse, Raw, Report, Topic
-from gateway.recording.file import CONFIG, RESUME, RUN
+from gateway.recording.file import CLOCKS, CONFIG, RESUME, RUN
 from gateway.recording.schema import LINE, PULSE, RAW, UTC, read_raw
+from gateway.resume import Resume
 from gateway.schema import build
 from gateway.utc import UtcSample
 
@@ -65,7 +67,7 @@ class _Part(NamedTuple):
     rate_hz: float
     software: str
     utc: UtcSample | None
-    resume: bytes | None
+    resume: dict[str, bytes]
     config: bytes
 
 
@@ -133,8 +135,8 @@ class RecordedRun:
             raise ConfigError(f"{part.path}: recorded by {part.software}: {said}; give one with -c")
         return config
 
-    def resume(self) -> SavedState | None:
-        """Where the filter was at the beginning; None for the configured initial state.
+    def resume(self) -> Resume:
+        """Where filter and clocks were at the beginning; recordings of before tell of no clocks.
 
         Raises
         ------
@@ -142,10 +144,12 @@ class RecordedRun:
             Where another version wrote it.
         """
         part = self._parts[0]
-        if part.resume is None:
-            return None
+        state, clocks = part.resume.get(RESUME), part.resume.get(CLOCKS)
         try:
-            return msgspec.msgpack.decode(part.resume, type=SavedState)
+            return Resume(
+                msgspec.msgpack.decode(state, type=SavedState) if state else None,
+                msgspec.msgpack.decode(clocks, type=Clocks) if clocks else {},
+            )
         except (msgspec.MsgspecError, ValueError) as error:
             raise CaptureError(
                 f"{part.path}: recorded by {part.software}, whose state is another; give a"
@@ -215,14 +219,14 @@ def _reader(file: BinaryIO) -> StreamReader:
 def _begin(path: Path) -> _Part:
     """What a file says before its first message."""
     about: dict[str, str] | None = None
-    resume: bytes | None = None
+    resume: dict[str, bytes] = {}
     with path.open("rb") as file:
         try:
             for record in _reader(file).records:
                 if isinstance(record, Metadata) and record.name == RUN:
                     about = record.metadata
-                elif isinstance(record, Attachment) and record.name == RESUME:
-                    resume = record.data
+                elif isinstance(record, Attachment) and record.name in (RESUME, CLOCKS):
+                    resume[record.name] = record.data
                 elif isinstance(record, Attachment) and record.name == CONFIG and about:
                     return _part(path, about, resume, record.data)
                 elif isinstance(record, Message):
@@ -234,7 +238,7 @@ def _begin(path: Path) -> _Part:
     raise CaptureError(f"{path}: not a recording of usblnav")
 
 
-def _part(path: Path, about: dict[str, str], resume: bytes | None, config: bytes) -> _Part:
+def _part(path: Path, about: dict[str, str], resume: dict[str, bytes], config: bytes) -> _Part:
     try:
         utc = None
         if "utc_from_ns" in about:

@@ -130,13 +130,13 @@ class Tape:
         self._began = self._synced = 0.0
         self._end = 0
         self._utc: UtcSample | None = None
-        self._state = orders.run.resume
+        self._resume = orders.run.resume
         self._tick: int | None = None
 
     def take(self, batch: Batch) -> None:
         """Write the events of a batch."""
         file = self._file or self._open(batch.first)
-        self._state = batch.state or self._state
+        self._resume = batch.resume or self._resume
         for sequence, event in enumerate(batch.events, batch.first):
             match event:
                 case Raw():
@@ -181,7 +181,7 @@ class Tape:
     def _open(self, sequence: int) -> RecordingFile:
         fd, path = self._folder.create(self._wall())
         try:
-            run = msgspec.structs.replace(self._orders.run, resume=self._state)
+            run = msgspec.structs.replace(self._orders.run, resume=self._resume)
             self._file = RecordingFile(fd, path, run, sequence, self._utc)
         except OSError:
             os.close(fd)

@@ -1,5 +1,6 @@
 """The state on disk: fresh, old, damaged, foreign, and a disk that will not take it."""
 
+import hashlib
 import logging
 import resource
 import time
@@ -12,9 +13,11 @@ import pytest
 
 from gateway import bootclock, statefile
 from gateway.bootclock import Moment
+from gateway.clock import ClockMemory, Clocks, DeviceClock, aged
 from gateway.config import Config, StateFile
 from gateway.emulator import twin
 from gateway.messages import SavedState
+from gateway.resume import COLD, Resume
 from gateway.schema import build
 from gateway.statefile import Keeper, Saved
 from tests.gateway.emulated import demo_data, make
@@ -23,6 +26,24 @@ S = 1_000_000_000
 WRITTEN = Moment("boot", 500 * S, 1_780_000_000 * S, True)
 STATE = SavedState(499 * S, b"x" * 20, b"P" * 80, b"c" * 8, 7, 1, 0, None, {"1": (3, 1.1)})
 """A second old when it was written."""
+
+
+def clocks() -> Clocks:
+    """A clock that heard its device each 50 ms, up to the time of the state."""
+    clock = DeviceClock(1e-6, 1 << 32)
+    for n in range(400):
+        clock.take([(50_000 * n, STATE.t_ns + (n - 399) * 50_000_000)])
+    memory = clock.memory()
+    assert memory is not None
+    return {"imu0": {"time": memory}}
+
+
+def left(now_ns: int | None) -> Clocks:
+    return {"imu0": {"time": aged(clocks()["imu0"]["time"], now_ns)}}
+
+
+def placed(resume: Resume) -> ClockMemory:
+    return resume.clocks["imu0"]["time"]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +71,8 @@ def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
 
 
 def packed(config: Config) -> bytes:
-    return statefile.pack(Saved(WRITTEN, config.vehicle, statefile.setup_of(config), STATE))
+    setup = statefile.setup_of(config)
+    return statefile.pack(Saved(WRITTEN, config.vehicle, setup, STATE, clocks()))
 
 
 def after(seconds: float, **changes: object) -> Moment:
@@ -64,14 +86,40 @@ def test_a_fresh_state_is_gone_on_from(
     config: Config, path: Path, said: Callable[[], list[str]]
 ) -> None:
     path.write_bytes(packed(config))
-    assert statefile.resume(path, config, after(2.5)) == STATE
+    at = after(2.5)
+    assert statefile.resume(path, config, at) == Resume(STATE, left(at.mono_ns))
     assert said() == [f"state file {path}: going on from a state 3.5 s old"]
 
 
 def test_after_another_boot_its_time_is_on_the_new_clock(config: Config, path: Path) -> None:
     path.write_bytes(packed(config))
-    state = statefile.resume(path, config, after(60.0, boot="next", mono_ns=20 * S))
-    assert state == msgspec.structs.replace(STATE, t_ns=(20 - 61) * S)
+    resume = statefile.resume(path, config, after(60.0, boot="next", mono_ns=20 * S))
+    assert resume.state == msgspec.structs.replace(STATE, t_ns=(20 - 61) * S)
+    assert placed(resume).placed is None  # the host's time begins anew, the device's need not
+    assert placed(resume).before == clocks()["imu0"]["time"].before
+
+
+def test_a_file_of_the_version_before_has_no_clocks(
+    config: Config, path: Path, said: Callable[[], list[str]]
+) -> None:
+    class Saved1(msgspec.Struct, array_like=True):
+        written: Moment
+        vehicle: str
+        setup: bytes
+        state: SavedState
+
+    body = msgspec.msgpack.encode(
+        Saved1(WRITTEN, config.vehicle, statefile.setup_of(config), STATE)
+    )
+    digest = hashlib.blake2b(body, digest_size=16).digest()
+    path.write_bytes(b"usblnav state\n\x01\x00" + digest + body)
+    assert statefile.resume(path, config, after(1.0)) == Resume(STATE)
+    path.write_bytes(b"usblnav state\n\x03\x00" + digest + body)
+    said()
+    assert statefile.resume(path, config, after(1.0)) == COLD
+    assert said() == [
+        f"state file {path}: is of version 3, not 2; kept as state.foreign; starting cold"
+    ]
 
 
 def test_what_is_old_or_of_an_unknown_age_is_not(
@@ -85,7 +133,9 @@ def test_what_is_old_or_of_an_unknown_age_is_not(
         (after(-1.0), "was written in the future, by the clock of now"),
         (after(9.0, boot="next", is_sure=False), "is of another boot, and no hardware clock"),
     ):
-        assert (statefile.resume(path, config, at) is None) == (why is not None)
+        resume = statefile.resume(path, config, at)
+        assert (resume.state is None) == (why is not None)
+        assert placed(resume).before == clocks()["imu0"]["time"].before  # of clocks always
         (line,) = said()
         assert why is None or line.startswith(f"state file {path}: {why}")
         assert why is None or line.endswith("; starting cold")
@@ -93,7 +143,7 @@ def test_what_is_old_or_of_an_unknown_age_is_not(
 
 
 def test_there_need_be_no_file(config: Config, path: Path, said: Callable[[], list[str]]) -> None:
-    assert statefile.resume(path, config, after(1.0)) is None
+    assert statefile.resume(path, config, after(1.0)) == COLD
     assert said() == []
 
 
@@ -106,7 +156,7 @@ def test_no_damage_is_overlooked_and_none_is_a_traceback(
     for n in range(len(whole)):
         for data in (whole[:n] + bytes([whole[n] ^ 0x41]) + whole[n + 1 :], whole[:n]):
             path.write_bytes(data)
-            assert statefile.resume(path, config, after(1.0)) is None
+            assert statefile.resume(path, config, after(1.0)) == COLD
             assert not path.exists()
             assert data in [file.read_bytes() for file in aside if file.exists()]
             (line,) = said()
@@ -118,7 +168,7 @@ def test_what_is_no_file_or_cannot_be_read_is_said(
     config: Config, path: Path, said: Callable[[], list[str]]
 ) -> None:
     path.mkdir()
-    assert statefile.resume(path, config, after(1.0)) is None
+    assert statefile.resume(path, config, after(1.0)) == COLD
     assert said() == [f"state file {path}: is a directory; starting cold"]
 
 
@@ -141,7 +191,7 @@ def test_the_state_of_another_vehicle_or_setup_is_set_aside(
 ) -> None:
     data = packed(msgspec.structs.replace(config, **change))
     path.write_bytes(data)
-    state = statefile.resume(path, config, after(1.0))
+    state = statefile.resume(path, config, after(1.0)).state
     if why is None:
         assert state == STATE
         return
@@ -191,9 +241,10 @@ def test_what_is_kept_is_what_is_taken_up(config: Config, path: Path) -> None:
     now = time.monotonic_ns()
     with keeper(path, config) as running:
         for n in range(50):
-            running.keep(msgspec.structs.replace(STATE, t_ns=now - 50 + n))
-    state = statefile.resume(path, config, bootclock.now())
-    assert state == msgspec.structs.replace(STATE, t_ns=now - 1)  # the last, at the end too
+            running.keep(msgspec.structs.replace(STATE, t_ns=now - 50 + n), clocks())
+    resume = statefile.resume(path, config, bootclock.now())
+    assert placed(resume).before == clocks()["imu0"]["time"].before
+    assert resume.state == msgspec.structs.replace(STATE, t_ns=now - 1)  # the last, at the end too
     assert [file.name for file in path.parent.iterdir()] == ["state"]
     assert running.status.failed == 0
     assert running.status.age_s is not None
@@ -215,16 +266,16 @@ def test_a_full_disk_is_said_once_and_so_is_its_end(
 ) -> None:
     now = time.monotonic_ns()
     with keeper(path, config) as running:
-        running.keep(msgspec.structs.replace(STATE, t_ns=now))
+        running.keep(msgspec.structs.replace(STATE, t_ns=now), {})
         until(lambda: running.status.written == 1)
         kept = path.read_bytes()
         with full_disk():
             for n in range(3):
-                running.keep(STATE)
+                running.keep(STATE, {})
                 until(lambda n=n: running.status.failed > n)
         assert path.read_bytes() == kept
         assert [file.name for file in path.parent.iterdir()] == ["state"]
-        running.keep(STATE)
+        running.keep(STATE, {})
         until(lambda: running.status.written == 2)
     assert said() == [
         f"state file {path}: file too large; trying again",
@@ -237,10 +288,10 @@ def test_a_folder_that_is_not_there_yet_is_waited_for(
 ) -> None:
     path = tmp_path / "later" / "state"
     with keeper(path, config) as running:
-        running.keep(STATE)
+        running.keep(STATE, {})
         until(lambda: running.status.failed == 1)
         path.parent.mkdir()
-        running.keep(STATE)
+        running.keep(STATE, {})
         until(lambda: running.status.written == 1)
     assert [line.rpartition(": ")[2] for line in said()] == [
         "no such file or directory; trying again",

@@ -20,6 +20,7 @@ from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import nav_report
 from gateway.recording.events import Event, Orders, Pulse, Raw, Run
 from gateway.recording.writer import Tape
+from gateway.resume import COLD, Resume
 from gateway.traffic import open_traffic
 from gateway.utc import UtcSample
 from tests.gateway.emulated import START, demo_data, make
@@ -33,7 +34,8 @@ class Voyage:
 
     def __init__(self, folder: Path) -> None:
         self.capture, self.file = folder / "sea.pcap", folder / "sea.yaml"
-        data = demo_data() | {"duration_s": 12.0, "start": START}
+        data = demo_data() | {"duration_s": 16.0, "start": START}
+        data["devices"]["imu0"]["options"]["format"] = "b"  # it tells its own time
         data["devices"]["usbl0"] |= {"period_s": 1.0}
         scenario = twin.for_capture(make(data))
         emulate(scenario, pcap=self.capture, say=lambda _line: None)
@@ -45,7 +47,7 @@ class Voyage:
     def _read(self, links: dict) -> list[Payload]:
         return list(read_streams([self.capture], links))
 
-    def record(self, folder: Path, events: list[Event], resume: SavedState | None = None) -> None:
+    def record(self, folder: Path, events: list[Event], resume: Resume = COLD) -> None:
         """Write a recording as the writer does."""
         plain = orders(folder)
         run = Run("run", "usblnav 1.2.3", 5.0, self.config, resume)
@@ -74,7 +76,7 @@ def test_a_recording_of_captured_bytes_is_replayed_like_the_capture(
         captured = (tmp_path / "capture" / name).read_bytes()
         assert (tmp_path / "recording" / name).read_bytes() == captured
     assert summary["recording"]["chunks"] == {"selected": len(voyage.chunks), "not_selected": 0}
-    assert summary["duration_s"] == pytest.approx(12.0, abs=0.6)
+    assert summary["duration_s"] == pytest.approx(16.0, abs=0.6)
 
 
 def test_times_are_those_of_the_samples_in_force(voyage: Voyage, tmp_path: Path) -> None:
@@ -93,55 +95,57 @@ def test_times_are_those_of_the_samples_in_force(voyage: Voyage, tmp_path: Path)
 def test_a_run_that_went_on_from_a_state_is_replayed_from_it(
     voyage: Voyage, tmp_path: Path
 ) -> None:
-    half = len(voyage.chunks) // 2
-    state = newest(run(voyage, None, voyage.chunks[:half]))
-    rest = voyage.chunks[half:]
-    voyage.record(tmp_path, [utc(rest[0]), *rest], state)
-    with ReplayFiles(tmp_path / "live") as live:
-        for output in run(voyage, state, rest):
-            if isinstance(output, NavSolution):
-                live.nav(nav_report(output, OFFSET_NS))
+    """From its filter's state, and with its clocks: the first had locked after eight seconds."""
+    cut = 5 * len(voyage.chunks) // 8
+    _, resume = run(voyage, COLD, voyage.chunks[:cut])
+    rest = voyage.chunks[cut:]
+    voyage.record(tmp_path, [utc(rest[0]), *rest], resume)
+    for name, known in (("live", resume), ("clockless", Resume(resume.state))):
+        with ReplayFiles(tmp_path / name) as files_of_it:
+            for output in run(voyage, known, rest)[0]:
+                if isinstance(output, NavSolution):
+                    files_of_it.nav(nav_report(output, OFFSET_NS))
     replay.run(files(tmp_path), None, out=tmp_path / "again")
     replay.run(files(tmp_path), voyage.config, out=tmp_path / "cold")
     nav = (tmp_path / "live" / "nav.csv").read_bytes()
     assert len(nav.splitlines()) > 25
     assert (tmp_path / "again" / "nav.csv").read_bytes() == nav
+    assert (tmp_path / "clockless" / "nav.csv").read_bytes() != nav
     assert (tmp_path / "cold" / "nav.csv").read_bytes() != nav
     replay.run(files(tmp_path), None, out=tmp_path / "smooth", smooth=True)
     smooth = (tmp_path / "smooth" / "nav.csv").read_bytes()
     assert len(smooth.splitlines()) == len(nav.splitlines())
 
 
-def run(voyage: Voyage, resume: SavedState | None, chunks: list[Raw]) -> list:
-    """As the daemon and its worker do it."""
-    devices, estimator = intakes(voyage.config), Estimator(voyage.config, 5.0, resume)
+def run(voyage: Voyage, resume: Resume, chunks: list[Raw]) -> tuple[list, Resume]:
+    """As the daemon and its worker do it; what they say, and from where others may go on."""
+    devices = intakes(voyage.config, resume.clocks)
+    estimator = Estimator(voyage.config, 5.0, resume.state)
     said = []
     for chunk in chunks:
         devices[chunk.device].feed(chunk.data, chunk.t_rx_ns, chunk.source)
         for measurement in devices[chunk.device].flush():
             said += estimator.feed(measurement)
-    return said
-
-
-def newest(said: list) -> SavedState:
-    return [output for output in said if isinstance(output, SavedState)][-1]
+    state = [output for output in said if isinstance(output, SavedState)][-1]
+    return said, Resume(state, devices["imu0"].clock_memory())
 
 
 def test_a_later_file_by_itself_begins_at_the_state_of_its_beginning(
     voyage: Voyage, tmp_path: Path
 ) -> None:
-    state = newest(run(voyage, None, voyage.chunks[:1000]))
+    _, newest = run(voyage, COLD, voyage.chunks[: 5 * len(voyage.chunks) // 8])
+    assert newest.clocks["imu0"]["time"].placed is not None
     tape = Tape(orders(tmp_path))
     first, *later = batches([utc(voyage.chunks[0]), *voyage.chunks[:40]], 10)
-    tape.take(msgspec.structs.replace(first, state=state))
+    tape.take(msgspec.structs.replace(first, resume=newest))
     tape.close()
     for batch in later:
         tape.take(batch)
     tape.close()
     one, two = files(tmp_path)
-    assert open_traffic([one], None, None).resume is None
-    assert open_traffic([two], None, None).resume == state
-    assert open_traffic([two, one], None, None).resume is None
+    assert open_traffic([one], None, None).resume == COLD
+    assert open_traffic([two], None, None).resume == newest
+    assert open_traffic([two, one], None, None).resume == COLD
 
 
 def test_pulses_come_where_they_came(voyage: Voyage, tmp_path: Path) -> None:

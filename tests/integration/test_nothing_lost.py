@@ -9,13 +9,13 @@ import signal
 import time
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from gateway.messages import FilterCounts
 from tests.integration.hosted import Hosted, Input, answers, encoded, hosted, recorded
-from tests.integration.rig import Rig
+from tests.integration.rig import Rig, brisk
 
 pytestmark = pytest.mark.live
 
@@ -97,7 +97,11 @@ async def test_twenty_kills_at_random_moments_under_load(tmp_path: Path, imu_hz:
 
 
 async def test_a_killed_daemon_goes_on_from_its_state_file(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
+    """With the state of its filter, and with the clock of an IMU that tells its own time."""
+    scenario = brisk(tmp_path)
+    scenario["devices"]["imu0"]["options"]["format"] = "b"
+    rig = Rig(tmp_path, scenario)
+    rig.write({"state": {"period_s": 0.5}})
     folder = tmp_path / "state directory"
     folder.mkdir()
     async with rig.emulator():
@@ -105,6 +109,9 @@ async def test_a_killed_daemon_goes_on_from_its_state_file(tmp_path: Path) -> No
             rig.hear_zenoh()
             await rig.until("a true position", rig.is_right)
             await rig.until("a state", lambda: rig.state_file().get("written", 0) >= 2)
+            clock = await rig.until("a clock to rely on", lambda: locked_clock(rig), 15.0)
+            written = rig.state_file()["written"] + 2
+            await rig.until("its state", lambda: rig.state_file()["written"] >= written)
             used = rig.navs[-1].fixes_used
             killed = time.monotonic()
             await rig.kill()
@@ -119,7 +126,22 @@ async def test_a_killed_daemon_goes_on_from_its_state_file(tmp_path: Path) -> No
             assert used - 6 <= first.fixes_used  # a state is at most 3 s old
             error_m = await rig.until("the truth", lambda: rig.error_m(first))
             assert error_m < 3.0 * math.hypot(first.sd_n_m, first.sd_e_m)
+            heard = await rig.until("the IMU", lambda: first_heard(rig, "imu0"))
+            assert (heard["clock"]["state"], heard["clock"]["resets"]) == ("locked", 0)
+            assert heard["clock"]["offset_s"] == pytest.approx(clock["offset_s"], abs=2e-3)
             await rig.until("a true position again", rig.is_right)
+
+
+def locked_clock(rig: Rig) -> dict[str, Any] | None:
+    """What the IMU's clock says of itself once it is locked, eight seconds after its first word."""
+    clock: dict[str, Any] = rig.device("imu0").get("clock", {})
+    return clock if clock.get("state") == "locked" else None
+
+
+def first_heard(rig: Rig, name: str) -> dict[str, Any] | None:
+    """The first status in which a device has been heard."""
+    told = (status["devices"][name] for status in rig.statuses)
+    return next((device for device in told if device["records"]), None)
 
 
 async def test_a_daemon_that_is_told_to_begins_cold(tmp_path: Path) -> None:
