@@ -96,6 +96,19 @@ class Source:
         self._read += len(block)
         return rest + block if rest else block
 
+    def further(self, rest: bytes) -> bytes:
+        """`rest` with new bytes behind it; nothing at the end of a file of which nothing is left.
+
+        Raises
+        ------
+        CaptureError
+            As `more`, and where the file ends within a packet: with a `rest`.
+        """
+        longer = self.more(rest)
+        if longer is None and rest:
+            raise self.cut()
+        return longer or b""
+
     def refused(self, why: str) -> CaptureError:
         """Error of a file that is no capture."""
         return CaptureError(f"{self._path}: {why}")

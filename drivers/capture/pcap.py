@@ -28,17 +28,14 @@ def pcap_packets(source: Source, block: bytes) -> Iterator[Packet]:
         Where it is cut off or damaged, after the packets before that.
     """
     while len(block) < _HEADER_BYTES:
-        longer = source.more(block)
-        if longer is None:
-            raise source.cut()
-        block = longer
+        block = source.further(block)
     order, unit_ns = _FORMATS[block[:4]]
     # The upper half of the field tells of a frame check sequence, which IP lengths trim anyway.
     linktype = struct.unpack_from(order + "I", block, 20)[0] & 0xFFFF
     header = struct.Struct(order + "4I")
     unpack, header_bytes = header.unpack_from, header.size
     position = _HEADER_BYTES
-    while True:
+    while block:
         last = len(block) - header_bytes
         while position <= last:
             seconds, fraction, size, _original = unpack(block, position)
@@ -51,10 +48,4 @@ def pcap_packets(source: Source, block: bytes) -> Iterator[Packet]:
             source.good += 1
             yield Packet(seconds * 1_000_000_000 + fraction * unit_ns, linktype, block[start:end])
             position = end
-        rest = block[position:]
-        longer = source.more(rest)
-        if longer is None:
-            if rest:
-                raise source.cut()
-            return
-        block, position = longer, 0
+        block, position = source.further(block[position:]), 0

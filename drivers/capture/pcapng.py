@@ -71,7 +71,7 @@ def pcapng_packets(source: Source, start: bytes) -> Iterator[Packet]:
 
 def _blocks(source: Source, data: bytes) -> Iterator[_Block]:
     order, position = "<", 0
-    while True:
+    while data:
         while len(data) - position >= _OVERHEAD:
             left = len(data) - position
             if data.startswith(MAGIC, position):
@@ -88,13 +88,7 @@ def _blocks(source: Source, data: bytes) -> Iterator[_Block]:
                 raise source.damaged(left, "a block's two lengths differ")
             yield _Block(kind, order, data[position + 8 : end - 4], left)
             position = end
-        rest = data[position:]
-        longer = source.more(rest)
-        if longer is None:
-            if rest:
-                raise source.cut()
-            return
-        data, position = longer, 0
+        data, position = source.further(data[position:]), 0
 
 
 def _interface(block: _Block) -> _Interface:
