@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from drivers.records import Record, Rejected
+from drivers.records import OtherFrame, Record, Rejected
 
 Kind = Literal["imu", "usbl", "lbl", "gnss", "depth", "dvl", "heading", "any"]
 
@@ -66,8 +66,9 @@ class Codec:
     decoder
         Makes a fresh decoder for an instance of `options`.
     encode
-        Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it.
-        Raises ValueError for what the format cannot say, a number too large for its field included.
+        Pure ``(record, options) -> bytes`` of one frame; emulator and tests speak through it. An
+        `OtherFrame` is written as it is, by any codec; ValueError is raised for what the format
+        cannot say, a number too large for its field included.
     counting
         How its sequence numbers and its time run.
     also
@@ -87,7 +88,7 @@ class Codec:
     powered_up: Callable[[Any], bytes] = lambda _options: b""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "encode", _refusing(self.name, self.encode))
+        object.__setattr__(self, "encode", _writing(self.name, self.encode))
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -95,12 +96,14 @@ class Codec:
         return (self.kind, *self.also)
 
 
-def _refusing(name: str, encode: Callable[[Any, Any], bytes]) -> Callable[[Any, Any], bytes]:
+def _writing(name: str, encode: Callable[[Any, Any], bytes]) -> Callable[[Any, Any], bytes]:
     @wraps(encode)
-    def refusing(record: Any, options: Any) -> bytes:
+    def writing(record: Any, options: Any) -> bytes:
+        if isinstance(record, OtherFrame):
+            return record.data
         try:
             return encode(record, options)
         except (struct.error, OverflowError) as error:
             raise ValueError(f"{name} cannot say this {type(record).__name__}: {error}") from error
 
-    return refusing
+    return writing

@@ -9,7 +9,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
-from drivers.records import Reason, Record, Rejected
+from drivers.records import OtherFrame, Reason, Record, Rejected
 
 JUNK_MAX = 1024
 """Longest run of junk held back to become one `Rejected` (bytes)."""
@@ -200,6 +200,12 @@ def _prefix_pattern(prefix: bytes) -> bytes:
         more = b"(?:" + pattern + rb"|\Z)" if pattern else b""
         pattern = re.escape(prefix[place : place + 1]) + more
     return pattern
+
+
+def other_line(name: str, line: str, t_rx_ns: int, line_bytes: int) -> OtherFrame:
+    """A whole line of which nothing here makes use, its end included."""
+    data = f"{line}\r\n".encode()
+    return OtherFrame(t_rx_ns=t_rx_ns, line_bytes=line_bytes, name=name, data=data)
 
 
 class LineDecoder:

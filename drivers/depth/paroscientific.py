@@ -14,8 +14,8 @@ from msgspec import UNSET
 from drivers.codec import Codec, Decoder
 from drivers.depth.pressure import WaterColumn
 from drivers.fields import number
-from drivers.framing import LineDecoder, UnreadableError
-from drivers.records import DepthRecord, OtherFrame, Record
+from drivers.framing import LineDecoder, UnreadableError, other_line
+from drivers.records import DepthRecord, Record
 
 PSI_PA = 6894.757293168
 UNITS_PA = {
@@ -49,8 +49,7 @@ def decoder(options: ParoscientificOptions) -> Decoder:
             raise UnreadableError("syntax", "not an answer of a Digiquartz sensor")
         value, other = match.group(2, 3)
         if other is not None:
-            data = line.encode()
-            return OtherFrame(t_rx_ns=t_rx_ns, line_bytes=line_bytes, name=other[:2], data=data)
+            return other_line(other[:2], line, t_rx_ns, line_bytes)
         pressure_pa = number(value, 0, PRESSURE_MAX_PA / unit_pa) * unit_pa
         return DepthRecord(
             t_rx_ns=t_rx_ns,
@@ -65,8 +64,6 @@ def decoder(options: ParoscientificOptions) -> Decoder:
 
 def encode(record: Record, options: ParoscientificOptions) -> bytes:
     """Write a `DepthRecord` as the answer of sensor 01: its pressure, or that of its depth."""
-    if isinstance(record, OtherFrame):
-        return record.data + b"\r\n"
     if not isinstance(record, DepthRecord):
         raise ValueError(f"paroscientific cannot say a {type(record).__name__}")
     pressure_pa = record.pressure_pa

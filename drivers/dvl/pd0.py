@@ -90,8 +90,6 @@ def decoder(options: Pd0Options) -> Decoder:
 
 def encode(record: Record, _options: Pd0Options) -> bytes:
     """Write a `DvlRecord`: in instrument, ship's or Earth coordinates by its axes."""
-    if isinstance(record, OtherFrame):
-        return record.data
     if not isinstance(record, DvlRecord):
         raise ValueError(f"pd0 cannot say a {type(record).__name__}")
     types = [_fixed_leader(record), _variable_leader(record), _bottom_track(record)]

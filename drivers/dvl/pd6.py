@@ -29,12 +29,11 @@ from msgspec import UNSET
 
 from drivers.codec import Codec, Decoder
 from drivers.fields import number, unix_date, unix_day
-from drivers.framing import LineDecoder, UnreadableError
+from drivers.framing import LineDecoder, UnreadableError, other_line
 from drivers.records import (
     DepthRecord,
     DvlRecord,
     HeadingRecord,
-    OtherFrame,
     Record,
     TimeRecord,
     Vec3,
@@ -79,7 +78,7 @@ def decoder(options: Pd6Options) -> Decoder:
             case "TS":
                 return _time(fields, heard)
             case name:
-                return OtherFrame(**heard, name=name, data=line.encode())
+                return other_line(name, line, **heard)
 
     return LineDecoder(decode, _last_colon, longest=128)
 
@@ -87,8 +86,6 @@ def decoder(options: Pd6Options) -> Decoder:
 def encode(record: Record, options: Pd6Options) -> bytes:
     """Write a `DvlRecord` as BI, BS or BE by its axes, and SA, TS and BD of the other kinds."""
     match record:
-        case OtherFrame():
-            return record.data + b"\r\n"
         case DvlRecord():
             fields = _velocity_fields(record, options)
         case DepthRecord(altitude_m=float(altitude_m)):

@@ -25,8 +25,8 @@ import msgspec
 from msgspec import UNSET
 
 from drivers.codec import Codec, Decoder, NoOptions
-from drivers.framing import LineDecoder, UnreadableError
-from drivers.records import DvlRecord, OtherFrame, Record, Vec3
+from drivers.framing import LineDecoder, UnreadableError, other_line
+from drivers.records import DvlRecord, Record, Vec3
 
 LONGEST = 2048
 """Bytes of a report with its four transducers: 1100 to 1300."""
@@ -64,8 +64,6 @@ def decoder(_options: NoOptions) -> Decoder:
 
 def encode(record: Record, _options: NoOptions) -> bytes:
     """Write a `DvlRecord` as a velocity report, its transducers left out."""
-    if isinstance(record, OtherFrame):
-        return record.data + b"\r\n"
     if not isinstance(record, DvlRecord) or record.axes != "sensor":
         raise ValueError(f"waterlinked-dvl cannot say this {type(record).__name__}")
     water = record.water_velocity_m_s is not UNSET
@@ -92,8 +90,7 @@ def _decode(line: str, t_rx_ns: int, line_bytes: int) -> Record:
     except (msgspec.DecodeError, UnicodeError) as error:
         raise UnreadableError("syntax", "not a report") from error
     if report.type not in ("velocity", "velocity_water"):
-        name, data = report.type, line.encode()
-        return OtherFrame(t_rx_ns=t_rx_ns, line_bytes=line_bytes, name=name, data=data)
+        return other_line(report.type, line, t_rx_ns, line_bytes)
     velocity = _velocity(report)
     water = report.type == "velocity_water" or report.tracking_mode == "water"
     age_s, validity_us = _age_s(report), report.time_of_validity

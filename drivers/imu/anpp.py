@@ -29,7 +29,7 @@ from drivers.imu.sample import (
     plausible,
     preferred,
 )
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected, TimeRecord
+from drivers.records import ImuRecord, Record, Rejected, TimeRecord
 
 HEADER = 5
 SYSTEM_STATE, UNIX_TIME, RAW_SENSORS, RUNNING_TIME = 20, 21, 28, 49
@@ -62,8 +62,6 @@ def encode(record: Record, options: AnppOptions) -> bytes:
     ValueError
         If the record does not carry rate and specific force.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     if isinstance(record, TimeRecord) and record.unix_s is not None:
         return _packet(UNIX_TIME, _time(record.unix_s))
     sample = inertial(record, "anpp")

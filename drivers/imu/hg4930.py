@@ -28,7 +28,7 @@ from msgspec import UNSET
 from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import Prefer, inertial, other, out_of_range, plausible, preferred
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
+from drivers.records import ImuRecord, Record, Rejected, Vec3
 
 ADDRESS, CONTROL, INERTIAL = 0x0E, 0x01, 0x02
 FAULTS_1, FAULTS_2 = 0x87F0, 0x7D00
@@ -86,8 +86,6 @@ def encode(record: Record, options: Hg4930Options) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "hg4930")
     gyro, accel = preferred(sample, options.prefer)
     status = 0 if sample.valid else IMU_FAULT

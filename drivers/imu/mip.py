@@ -34,7 +34,7 @@ from drivers.imu.sample import (
     plausible,
     preferred,
 )
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
+from drivers.records import ImuRecord, Record, Rejected, Vec3
 
 SYNC = b"\x75\x65"
 SENSOR_DATA = 0x80
@@ -82,15 +82,13 @@ def decoder(options: MipOptions) -> Decoder:
 
 
 def encode(record: Record, options: MipOptions) -> bytes:
-    """Write an `ImuRecord` as a packet of sensor data, an `OtherFrame` as it is.
+    """Write an `ImuRecord` as a packet of sensor data.
 
     Raises
     ------
     ValueError
         If the record carries other quantities than the options say.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "mip")
     gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"

@@ -25,7 +25,7 @@ from drivers.imu.sample import (
     plausible,
     preferred,
 )
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected
+from drivers.records import ImuRecord, Record, Rejected
 
 SYNC, END = b"\xff\x5a", 0x33
 DATA_MAX = 4086
@@ -46,15 +46,13 @@ def decoder(options: NoOptions) -> Decoder:
 
 
 def encode(record: Record, options: NoOptions) -> bytes:
-    """Write an `ImuRecord` as LOG_IMU_SHORT, an `OtherFrame` as it is.
+    """Write an `ImuRecord` as LOG_IMU_SHORT.
 
     Raises
     ------
     ValueError
         If the record does not carry rate and specific force.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "sbg-ecom")
     gyro, accel = preferred(sample, "rates")
     is_fast = max(map(abs, gyro)) >= 2**31 * _GYRO

@@ -37,7 +37,7 @@ from drivers.checksums import crc32_mpeg2
 from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import DEG, G0, acceleration, inertial, other, rotation
-from drivers.records import DeviceStatus, ImuRecord, OtherFrame, Record, Rejected, Vec3
+from drivers.records import DeviceStatus, ImuRecord, Record, Rejected, Vec3
 
 COUNT_S = 1 / 2000
 """Seconds from one internal sample to the next, which is what the counter counts."""
@@ -134,7 +134,7 @@ def decoder(options: Stim300Options) -> Decoder:
 
 
 def encode(record: Record, options: Stim300Options) -> bytes:
-    """Write an `ImuRecord` with acceleration as a normal-mode datagram; `OtherFrame` as it is.
+    """Write an `ImuRecord` with acceleration as a normal-mode datagram.
 
     What is beyond the range is sent as the end of it, with the overload bit, as the unit does.
 
@@ -143,8 +143,6 @@ def encode(record: Record, options: Stim300Options) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "stim300")
     fault = 0 if sample.valid else 0x80
     unit = _Unit(options)

@@ -38,7 +38,7 @@ from drivers.imu.sample import (
     plausible,
     preferred,
 )
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected
+from drivers.records import ImuRecord, Record, Rejected
 
 SYNC = b"\xfa"
 SATURATED = 0x1F8
@@ -125,8 +125,6 @@ def encode(record: Record, options: VectorNavOptions) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "vectornav")
     gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"

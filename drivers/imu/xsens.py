@@ -33,7 +33,7 @@ from drivers.imu.sample import (
     plausible,
     preferred,
 )
-from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
+from drivers.records import ImuRecord, Record, Rejected, Vec3
 
 PREAMBLE = b"\xfa\xff"
 MTDATA2 = 0x36
@@ -92,15 +92,13 @@ def decoder(options: XsensOptions) -> Decoder:
 
 
 def encode(record: Record, options: XsensOptions) -> bytes:
-    """Write an `ImuRecord` as MTData2 in f32, an `OtherFrame` as it is.
+    """Write an `ImuRecord` as MTData2 in f32.
 
     Raises
     ------
     ValueError
         If the record carries other quantities than the options say.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     sample = inertial(record, "xsens-mtdata2")
     gyro, accel = preferred(sample, options.prefer)
     increments = options.prefer == "increments"

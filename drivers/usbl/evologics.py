@@ -112,8 +112,6 @@ def encode(record: Record, options: EvologicsOptions) -> bytes:
     ValueError
         If no line can say the record.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     if not isinstance(record, UsblRecord) or record.axes != "array":
         raise ValueError(f"evologics cannot say this {type(record).__name__}")
     line = _line(record, options)

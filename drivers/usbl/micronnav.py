@@ -27,8 +27,8 @@ import msgspec
 
 from drivers.codec import Codec, Counting, Decoder
 from drivers.fields import clock, seconds_of_day
-from drivers.framing import LineDecoder, UnreadableError
-from drivers.records import OtherFrame, Record, UsblRecord
+from drivers.framing import LineDecoder, UnreadableError, other_line
+from drivers.records import Record, UsblRecord
 from drivers.sentences import Heard
 from drivers.usbl.geometry import place, polar
 
@@ -71,7 +71,7 @@ def decoder(options: MicronNavOptions) -> Decoder:
         if int(count, 16) != len(line) + 2:
             raise UnreadableError("length", f"{count} bytes said, not {len(line) + 2}")
         if int(slot, 16) != MICRONNAV_SLOT or kind != RAW or mode not in _CONTENT:
-            return OtherFrame(**heard, name=f"slot {slot} kind {kind}", data=line.encode())
+            return other_line(f"slot {slot} kind {kind}", line, t_rx_ns, line_bytes)
         fields = _CONTENT[mode].fullmatch(content)
         if fields is None:
             raise UnreadableError("syntax", "no raw position")
@@ -88,8 +88,6 @@ def encode(record: Record, options: MicronNavOptions) -> bytes:
     ValueError
         If the record is no place in the axes of the options, or its numbers do not fit.
     """
-    if isinstance(record, OtherFrame):
-        return record.data + b"\r\n"
     if not isinstance(record, UsblRecord) or record.axes != _axes(options):
         raise ValueError(f"micronnav cannot say this {type(record).__name__}")
     xyz_m, unit = place(record), int(record.beacon)

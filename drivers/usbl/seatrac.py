@@ -44,9 +44,9 @@ import msgspec
 
 from drivers.checksums import crc16_arc
 from drivers.codec import Codec, Counting, Decoder
-from drivers.framing import LineDecoder, UnreadableError
+from drivers.framing import LineDecoder, UnreadableError, other_line
 from drivers.nmea0183 import last_start
-from drivers.records import OtherFrame, Record, UsblRecord
+from drivers.records import Record, UsblRecord
 from drivers.sentences import Heard
 
 XCVR_FIX, PING_RESP = 0x39, 0x42
@@ -81,7 +81,7 @@ def decoder(options: SeatracOptions) -> Decoder:
             raise UnreadableError("checksum", "the CRC does not hold")
         heard: Heard = {"t_rx_ns": t_rx_ns, "line_bytes": line_bytes}
         if content[0] not in FIXES:
-            return OtherFrame(**heard, name=f"0x{content[0]:02X}", data=line.encode() + b"\r\n")
+            return other_line(f"0x{content[0]:02X}", line, t_rx_ns, line_bytes)
         return _fix(content[1:], options, heard)
 
     return LineDecoder(decode, last_start)
@@ -95,8 +95,6 @@ def encode(record: Record, options: SeatracOptions) -> bytes:
     ValueError
         If the record is none, or no field can hold it.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     if not isinstance(record, UsblRecord) or record.axes != "array":
         raise ValueError(f"seatrac cannot say this {type(record).__name__}")
     try:

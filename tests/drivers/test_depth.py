@@ -128,7 +128,7 @@ def test_a_depth_is_written_as_its_pressure():
 def test_other_answers_are_whole_frames():
     record = answer(b"*0001UN=1\r\n")
     assert isinstance(record, OtherFrame)
-    assert (record.name, record.data) == ("UN", b"*0001UN=1")
+    assert (record.name, record.data) == ("UN", b"*0001UN=1\r\n")
 
 
 @pytest.mark.parametrize(

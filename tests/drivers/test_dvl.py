@@ -286,7 +286,7 @@ def test_pd6_that_is_none(line, reason):
 
 def test_pd6_of_the_water_is_another_frame():
     record = read("pd6", b":WI,+00100,+00000,+00000,+00000,A\r\n")
-    assert (record.name, record.data) == ("WI", b":WI,+00100,+00000,+00000,+00000,A")
+    assert (record.name, record.data) == ("WI", b":WI,+00100,+00000,+00000,+00000,A\r\n")
 
 
 @pytest.mark.parametrize("axes", ["starboard_forward_up", "forward_starboard_down"])
@@ -338,7 +338,7 @@ def test_a_clock_that_was_set_in_between_tells_no_age(late_us):
 def test_other_reports_are_whole_frames():
     report = {"ts": 49056.809, "x": 12.4, "yaw": 0.6, "type": "position_local", "format": "json_v3"}
     record = read("waterlinked-dvl", line_of(report))
-    assert (record.name, record.data + b"\r\n") == ("position_local", line_of(report))
+    assert (record.name, record.data) == ("position_local", line_of(report))
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ from drivers.imu.sample import (
     plausible,
     rotation,
 )
-from drivers.records import CompensatedRecord, ImuRecord, OtherFrame, Record, Rejected
+from drivers.records import CompensatedRecord, ImuRecord, Record, Rejected
 
 WEEK_S = 604800.0
 
@@ -90,15 +90,13 @@ def decoder(options: NovatelOptions) -> Decoder:
 def encode(record: Record, options: NovatelOptions) -> bytes:
     """Write an `ImuRecord` as the raw log of the options (of an ISA-100C if they name no unit).
 
-    A `CompensatedRecord` becomes IMURATECORRIMUS; an `OtherFrame` is written as it is.
+    A `CompensatedRecord` becomes IMURATECORRIMUS.
 
     Raises
     ------
     ValueError
         If the record does not carry increments.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     if isinstance(record, CompensatedRecord):
         return _encode_corrected(record)
     sample = inertial(record, "novatel-span")

@@ -49,7 +49,6 @@ from drivers.records import (
     ImuRecord,
     LblRecord,
     LblReply,
-    OtherFrame,
     Record,
     Rejected,
     UsblRecord,
@@ -110,15 +109,13 @@ def decoder(options: StdbinOptions) -> Decoder:
 
 
 def encode(record: Record, options: StdbinOptions) -> bytes:
-    """Write a telegram of the one record, an `OtherFrame` as it is.
+    """Write a telegram of the one record.
 
     Raises
     ------
     ValueError
         If no block can say the record, or it lacks what the block needs.
     """
-    if isinstance(record, OtherFrame):
-        return record.data
     return write_telegram(record, options.version)
 
 
