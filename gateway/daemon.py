@@ -11,7 +11,7 @@ from drivers.links.pps import edges
 from drivers.settings import StdioLink
 from gateway import bootclock, realtime, statefile, systemd
 from gateway.clock import Clocks
-from gateway.config import Config, NmeaOutput, Output
+from gateway.config import Config, NmeaOutput, Output, doubts
 from gateway.filter_process.host import FilterHost
 from gateway.filter_process.launcher import Begun
 from gateway.health import Health, Line
@@ -59,6 +59,8 @@ def run(
         The filter's template, started earlier to save time.
     """
     open_journal()
+    for doubt in doubts(config):
+        _log.warning("%s", doubt)
     outputs = list(config.outputs)
     if nmea_stdout:
         outputs.append(NmeaOutput(link=StdioLink()))

@@ -12,6 +12,9 @@ from gateway.errors import ConfigError
 _INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _DECIMAL = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _ENDLESS = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+MAX_BYTES = 1_000_000
+"""More is not written by hand: a capture or a recording given by mistake."""
+
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -24,11 +27,15 @@ def read_yaml(path: Path) -> Any:
     Raises
     ------
     ConfigError
-        With one line naming the file: missing, unreadable, not UTF-8, not YAML (line and column);
-        one line for each key given twice.
+        With one line naming the file: missing, unreadable, too large, not UTF-8, not YAML (line
+        and column); one line for each key given twice.
     """
     try:
-        loader = _Loader(path.read_bytes().decode("utf-8-sig"))
+        with path.open("rb") as file:
+            text = file.read(MAX_BYTES + 1)
+        if len(text) > MAX_BYTES:
+            raise ConfigError(f"larger than {MAX_BYTES // 1_000_000} MB", path)
+        loader = _Loader(text.decode("utf-8-sig"))
         data = loader.get_single_data()
     except OSError as error:
         raise ConfigError((error.strerror or str(error)).lower(), path) from error

@@ -99,5 +99,6 @@ class Link:
 
 def reason(error: OSError) -> str:
     """Say in a few lower-case words what the system complains of."""
-    text = os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
+    told = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror
+    text = told or str(error)
     return text[:1].lower() + text[1:]

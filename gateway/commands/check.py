@@ -5,7 +5,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 
 from drivers.settings import OutputLink, PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
-from gateway.config import Config, NmeaOutput, load
+from gateway.config import Config, NmeaOutput, doubts, load
 from gateway.config.lines import advice
 from gateway.errors import ConfigError
 from gateway.outputs.checks import missing_files, output_faults
@@ -22,7 +22,7 @@ def run(arguments: Namespace) -> int:
             raise
         _print_json(arguments.config, error.faults, [])
         return error.exit_code
-    advised = list(advice(config))
+    advised = [*doubts(config), *advice(config)]
     if arguments.json:
         _print_json(arguments.config, [], advised)
     else:

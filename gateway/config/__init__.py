@@ -39,6 +39,7 @@ from gateway.config.blocks import (
     UsblPrior,
 )
 from gateway.config.checks import cross_faults
+from gateway.config.doubts import doubts
 from gateway.config.nmea import NmeaOutput
 from gateway.config.zenoh import MapOrigin, ZenohOutput, ZenohRos, ZenohTls
 from gateway.errors import ConfigError
@@ -80,6 +81,7 @@ __all__ = [
     "ZenohOutput",
     "ZenohRos",
     "ZenohTls",
+    "doubts",
     "load",
     "wire_format",
 ]

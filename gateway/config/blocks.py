@@ -14,6 +14,8 @@ NonNegative = Annotated[float, Meta(ge=0)]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=360)]
 Triple = tuple[float, float, float]
+Angle = Annotated[float, Meta(ge=-360, le=360)]
+Angles = tuple[Angle, Angle, Angle]
 PositiveTriple = tuple[Positive, Positive, Positive]
 SigmaTriple = tuple[NonNegative, NonNegative, NonNegative]
 DeviceKind = Literal["imu", "usbl", "lbl", "gnss", "depth", "dvl", "heading"]
@@ -123,7 +125,7 @@ class ImuDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="imu")
 
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     noise: ImuNoise
-    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    mounting_deg: Angles = (0.0, 0.0, 0.0)
 
 
 class UsblDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="usbl"):
@@ -132,7 +134,7 @@ class UsblDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="usbl
     kind: ClassVar[DeviceKind] = "usbl"
 
     noise: UsblNoise
-    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    mounting_deg: Angles = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     elements_m: tuple[Triple, ...] = ()
     """Places of the elements in array axes; radial rates refer to the array's origin without."""
@@ -186,7 +188,7 @@ class DvlDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="dvl")
     kind: ClassVar[DeviceKind] = "dvl"
 
     noise: DvlNoise
-    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    mounting_deg: Angles = (0.0, 0.0, 0.0)
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
     """True speed of sound at its transducers over the one it was told."""
@@ -198,7 +200,7 @@ class HeadingDevice(_Device, frozen=True, kw_only=True, tag_field="kind", tag="h
     kind: ClassVar[DeviceKind] = "heading"
 
     noise: HeadingNoise
-    mounting_deg: Triple = (0.0, 0.0, 0.0)
+    mounting_deg: Angles = (0.0, 0.0, 0.0)
 
 
 Device = ImuDevice | UsblDevice | LblDevice | GnssDevice | DepthDevice | DvlDevice | HeadingDevice
@@ -277,7 +279,7 @@ class Initial(_Block, frozen=True, kw_only=True):
     lat_deg: Latitude
     lon_deg: Longitude
     height_m: float
-    attitude_deg: Triple | None = None
+    attitude_deg: Angles | None = None
     sigma: StartSigma
     velocity_ned_m_s: Triple = (0.0, 0.0, 0.0)
     align: Align | None = None

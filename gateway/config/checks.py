@@ -30,6 +30,9 @@ from gateway.schema import build, known
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
 """A compass worse than this is none."""
+_ANYWHERE = {"0.0.0.0", "::", ""}
+_HERE = {"127.0.0.1", "::1", "localhost"}
+
 COARSE_S = 0.05
 """A time told in longer steps says less than the arrival of the sentence."""
 
@@ -156,9 +159,8 @@ class _Claim:
     def clashes(self, other: "_Claim") -> bool:
         if self.device and other.device and shares_line(self.device, other.device):
             return False
-        anywhere = {"0.0.0.0", "::", ""}
         same = self.address == other.address
-        meet = same or anywhere & {self.address, other.address}
+        meet = same or _ANYWHERE & {self.address, other.address}
         return self.what == other.what and bool(meet) and not (same and self._is_apart(other))
 
     def _is_apart(self, other: "_Claim") -> bool:
@@ -214,6 +216,37 @@ def _ways_out(claim: _Claim, taken: _Claim) -> str:
     unlike = f"for codec {taken.device.codec}" if alike else "with other settings"
     apart = ", or let allow of each name its own senders" if claim.what[:3] == "UDP" else ""
     return f" {unlike}; to share its line let link and codec be the same{apart}"
+
+
+def _echoes(config: Config) -> Iterator[str]:
+    """Outputs that a device of ours would hear."""
+    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+        if not known(output) or isinstance(output, ZenohOutput):
+            continue
+        if not isinstance(output.link, UdpLink) or not known(output.link.host, output.link.port):
+            continue
+        for name, device in _readable(config).items():
+            if isinstance(device.link, UdpLink) and _hears(device.link, output.link):
+                port = output.link.port
+                yield f"outputs[{n}]: devices.{name} listens on UDP port {port}; it would hear this"
+
+
+def _hears(heard: UdpLink, said: UdpLink) -> bool:
+    """Whether what is said to a host of this machine, or its group, comes in on a port."""
+    if not known(heard.port, heard.bind, heard.group, heard.allow) or heard.port != said.port:
+        return False
+    if heard.group is not None:
+        return said.host == heard.group
+    is_here = said.host == "localhost" or _is_loopback(said.host)
+    admits = not heard.allow or any(str(source).startswith("127.") for source in heard.allow)
+    return said.host == heard.bind or (is_here and heard.bind in _ANYWHERE | _HERE and admits)
+
+
+def _is_loopback(text: str) -> bool:
+    try:
+        return ip_address(text).is_loopback
+    except ValueError:
+        return False
 
 
 def _alignment(config: Config) -> Iterator[str]:
@@ -349,6 +382,7 @@ _CHECKS = (
     _clock_sources,
     _alignment,
     _collisions,
+    _echoes,
     sharing_faults,
     _addresses,
     line_faults,

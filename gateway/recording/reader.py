@@ -234,6 +234,8 @@ def _begin(path: Path) -> _Part:
         except EndOfFile:
             raise CaptureError(f"{path}: cut off before its first event") from None
         except _DAMAGE as error:
+            if about is None and file.tell() <= len(MCAP0_MAGIC):
+                raise CaptureError(f"{path}: not a recording (MCAP)") from error
             raise _damaged(path, file, error) from error
     raise CaptureError(f"{path}: not a recording of usblnav")
 

@@ -17,6 +17,8 @@ from gateway.outputs.files import NAV_DECIMALS
 
 Array = NDArray[np.float64]
 
+_NO_TRUTH = "not a truth file of the emulator"
+
 NAV_COLUMNS = ("t_s", *NAV_DECIMALS)
 
 
@@ -184,8 +186,14 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
     try:
         rows = _rows(truth)
         columns = [np.array([float(row[name]) for row in rows]) for name in TruthRow._fields]
-    except (OSError, KeyError, ValueError) as error:
-        raise ConfigError([f"{truth}: not a truth file of the emulator: {error}"]) from error
+    except OSError as error:
+        raise ConfigError([f"{truth}: {(error.strerror or str(error)).lower()}"]) from error
+    except KeyError as error:
+        raise ConfigError([f"{truth}: {_NO_TRUTH}: no column {error.args[0]}"]) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError([f"{truth}: {_NO_TRUTH}: no text"]) from error
+    except (TypeError, ValueError, csv.Error) as error:
+        raise ConfigError([f"{truth}: {_NO_TRUTH}: {error}"]) from error
     true = dict(zip(TruthRow._fields, columns, strict=True))
     t_s = nav["t_s"]
     inside = np.zeros(len(t_s), dtype=np.bool_)

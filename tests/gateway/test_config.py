@@ -104,7 +104,7 @@ devices.usbl0.noise.range_cm: unknown key; did you mean range_m?
 devices.usbl0.lever_arm_m: expected a list of 3 numbers, got 2
 devices.dvl0.kind: unknown kind "dvll"; one of: imu, usbl, lbl, gnss, depth, dvl, heading
 initial.lat_deg: expected a number from -90 to 90, got 98
-initial.attitude_deg[2]: expected a number, got "north"
+initial.attitude_deg[2]: expected a number from -360 to 360, got "north"
 initial.sigma.position_m[2]: expected a number >= 0, got -1
 filter.couplign: unknown key; did you mean coupling?
 outputs[1].link.port: expected an integer from 1 to 65535, got 0
@@ -358,6 +358,14 @@ def test_one_fault(tmp_path: Path, path: str, value: Any, within: str, said: str
             "devices.usbl0: serial port /dev/ttyUSB1 is already used by devices.imu0"
             " for codec kvh1750; to share its line let link and codec be the same",
         ),
+        *(
+            (
+                "outputs",
+                [{"type": "nmea", "link": {"type": "udp", "host": host, "port": 7001}}],
+                "outputs[0]: devices.imu0 listens on UDP port 7001; it would hear this",
+            )
+            for host in ("127.0.0.1", "localhost")
+        ),
         (
             "devices.usbl0.range_limits_m",
             [500.0, 1.0],
@@ -385,6 +393,12 @@ def test_fault_between_blocks(tmp_path: Path, path: str, value: Any, expected: s
         [("outputs", [NMEA_TCP, {"type": "nmea", "link": {"type": "tcp", "port": 10111}}])],
         [("devices.usbl0.link", {"type": "udp", "port": 7001, "bind": "127.0.0.2"})],
         [("devices.usbl0.link", {"type": "tcp", "port": 7001})],
+        [
+            (
+                "outputs",
+                [{"type": "nmea", "link": {"type": "udp", "host": "10.0.0.2", "port": 7001}}],
+            )
+        ],
         [("devices.usbl0", GONE), ("beacons", GONE)],
         [("initial.lon_deg", 359.9)],
         [("filter", {"history_s": 120}), ("devices.usbl0.clock", {"latency_ms": 30000})],

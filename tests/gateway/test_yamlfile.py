@@ -114,3 +114,10 @@ def parsed(folder: Path, content: bytes) -> Any:
     path = folder / "x.yaml"
     path.write_bytes(content)
     return read_yaml(path)
+
+
+def test_what_is_too_large_for_a_configuration_is_not_parsed(tmp_path: Path) -> None:
+    file = tmp_path / "capture.yaml"
+    file.write_bytes(b"x: " + b"a" * 10_000_000)
+    with pytest.raises(ConfigError, match="larger than 1 MB"):
+        read_yaml(file)

@@ -152,7 +152,7 @@ def browse(url: str, log: Path, profile: Path) -> "subprocess.CompletedProcess[s
         (["{empty}"], "{empty}: no nav.csv, innovations.csv, calibration.csv, summary.json;"),
         (
             ["{out}", "--truth", "{out}/nav.json"],
-            "{out}/nav.json: not a truth file of the emulator",
+            "{out}/nav.json: no such file or directory",
         ),
         (["{out}", "--truth", "{out}/summary.json"], "{out}/summary.json: not a truth file"),
         (["{out}", "-o", "{out}/no/such.html"], "{out}/no/such.html: cannot write: No such file"),
