@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from gateway.calibrate.findings import INSEPARABLE, Findings
 from gateway.calibrate.source import Residuals, Source
+from gateway.outputs.schema import titled
 
 _BEFORE, _AFTER, _BAND = "#d55e00", "#0072b2", "0.9"
 """Colours that stay apart for colour-blind readers and in print."""
@@ -45,7 +46,7 @@ def residuals(source: Source, findings: Findings) -> Figure:
         after = f"calibrated (RMS {fit.after_rms:.3g})"
         left.plot(row.t_s, row.before, ".", color=_BEFORE, markersize=4, label=before)
         left.plot(row.t_s, row.after, ".", color=_AFTER, markersize=4, label=after)
-        left.set_ylabel(_titled(name))
+        left.set_ylabel(titled(name))
         left.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize="small", ncols=2, frameon=False
         )
@@ -70,7 +71,7 @@ def shares(_source: Source, findings: Findings) -> Figure:
     values = [c.value / c.prior for c in rows.values()]
     sigmas = [c.sigma / c.prior for c in rows.values()]
     axis.errorbar(values, places, xerr=sigmas, fmt="o", color=_AFTER, capsize=4)
-    axis.set_yticks(places, [_titled(name) for name in rows])
+    axis.set_yticks(places, [titled(name) for name in rows])
     axis.invert_yaxis()
     axis.set_xlabel("sigmas before the run")
     axis.set_title(f"{findings.device}: estimates with 1 sigma (grey: 1 sigma before the run)")
@@ -91,7 +92,7 @@ def history(source: Source, findings: Findings) -> Figure:
             row.t_s, row.value - row.sigma, row.value + row.sigma, color=_AFTER, alpha=0.3
         )
         axis.plot(row.t_s, row.value, color=_AFTER)
-        axis.set_ylabel(_titled(name))
+        axis.set_ylabel(titled(name))
     for axis in axes[len(shown) :]:
         axis.set_visible(False)
     for axis in axes[max(len(shown) - columns, 0) : len(shown)]:
@@ -107,8 +108,8 @@ def correlation(findings: Findings) -> Figure:
     figure = Figure(figsize=(0.55 * n + 2.5, 0.5 * n + 2.0), layout="constrained")
     axis = figure.subplots()
     image = axis.imshow(findings.correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-    axis.set_xticks(range(n), [_titled(name) for name in names], rotation=60, ha="right")
-    axis.set_yticks(range(n), [_titled(name) for name in names])
+    axis.set_xticks(range(n), [titled(name) for name in names], rotation=60, ha="right")
+    axis.set_yticks(range(n), [titled(name) for name in names])
     for i in range(n):
         for j in range(n):
             value = findings.correlation[i, j]
@@ -136,21 +137,6 @@ def _spread(axis: Axes, row: Residuals) -> None:
         axis.hist(
             numbers, bins=bins.tolist(), orientation="horizontal", histtype="step", color=colour
         )
-
-
-def _titled(name: str) -> str:
-    """``elevation_offset_deg`` -> ``elevation offset (deg)``."""
-    for ending, unit in (
-        ("_deg_h", "deg/h"),
-        ("_deg", "deg"),
-        ("_ug", "ug"),
-        ("_m_s", "m/s"),
-        ("_ms", "ms"),
-        ("_m", "m"),
-    ):
-        if name.endswith(ending):
-            return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
-    return name.replace("_", " ")
 
 
 def _undated(kind: str) -> dict[str, None] | None:

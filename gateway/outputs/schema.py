@@ -13,6 +13,15 @@ import msgspec
 from gateway.messages import Calibration, Innovation, NavSolution
 from gateway.modes import Mode
 
+_UNITS = {
+    "_deg_h": "deg/h",
+    "_deg": "deg",
+    "_ug": "ug",
+    "_m_s": "m/s",
+    "_ms": "ms",
+    "_m": "m",
+}
+
 
 class NavReport(msgspec.Struct, frozen=True):
     """The fused solution of one epoch.
@@ -219,3 +228,11 @@ def wrap(angle_deg: float, period: float = 360.0) -> float:
 def wrap_180(angle_deg: float) -> float:
     """Wrap an angle into [-180, 180) degrees; one already there keeps its last bit."""
     return angle_deg if -180.0 <= angle_deg < 180.0 else wrap(angle_deg + 180.0) - 180.0
+
+
+def titled(name: str) -> str:
+    """``gyro_bias_x_deg_h`` -> ``gyro bias x (deg/h)``."""
+    for ending, unit in _UNITS.items():
+        if name.endswith(ending):
+            return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
+    return name.replace("_", " ")

@@ -1,18 +1,24 @@
 """The figures of the page, as SVG that stands inside it."""
 
 import io
+import math
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from itertools import pairwise
 
 import matplotlib as mpl
 import numpy as np
 import scipy.special
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
+from gateway.modes import Mode
 from gateway.nav.earth import north_east
+from gateway.outputs.schema import titled
 from gateway.report.source import Errors, Innovations, Source
 
 Array = NDArray[np.float64]
@@ -23,14 +29,15 @@ FOLLOWED = "#009e73"
 POINTS = 1500
 """A line has no more: what a screen can show, and a page can carry."""
 WIDTH = 9.6
-_MODES = {"aided": "#d7efdc", "dead_reckoning": "#fdf1c7", "aligning": "#fdf1c7"}
+DAY_S = 86_400.0
+_MODES = {"aided": "#d7efdc", "dead_reckoning": "#fdf1c7", "aligning": "#dde3ea"}
 """Background by mode; any other is red."""
 
 
 def draw(source: Source) -> dict[str, tuple[str, str]]:
     """Caption and SVG of each figure that there is data for, by its name."""
     makers: dict[str, tuple[str, Callable[[], Figure | None]]] = {
-        "track": ("Track in metres from its middle, north up", lambda: track(source)),
+        "track": (f"Track, north up, in metres from {_place(source)}", lambda: track(source)),
         "errors": (
             "Solution minus truth; the band is 3 sigma of what the filter claimed",
             lambda: None if source.errors is None else errors(source.errors, source),
@@ -41,7 +48,10 @@ def draw(source: Source) -> dict[str, tuple[str, str]]:
             "Innovations in sigmas: used (dots), refused (crosses), 3 sigma (lines)",
             lambda: innovations(source.innovations, source),
         ),
-        "nis": ("Normalised innovation squared, with the gate", lambda: nis(source)),
+        "nis": (
+            "Normalised innovation squared, its expectation (grey) and the gate (orange)",
+            lambda: nis(source),
+        ),
         "calibration": ("Estimated constants with 1 sigma", lambda: calibration(source)),
     }
     drawn = {}
@@ -53,11 +63,11 @@ def draw(source: Source) -> dict[str, tuple[str, str]]:
 
 
 def track(source: Source) -> Figure:
-    """The way, the beacons and targets within reach of it, the last error ellipse."""
+    """The way, the beacons, and what was followed."""
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     axis = figure.subplots()
     nav = source.nav
-    middle = np.radians(np.mean(nav["lat_deg"])), np.radians(np.mean(nav["lon_deg"]))
+    middle = _middle(source)
     north, east = north_east(np.radians(nav["lat_deg"]), np.radians(nav["lon_deg"]), *middle)
     if source.errors is not None:
         inside = np.isin(nav["t_s"], source.errors.t_s)
@@ -71,7 +81,13 @@ def track(source: Source) -> Figure:
             place = np.radians(beacon.lat_deg), np.radians(beacon.lon_deg)
             b_n, b_e = map(float, north_east(*place, *middle))
             axis.plot(b_e, b_n, "^", color=REFUSED, markersize=7)
-            axis.annotate(f" beacon {name}", (b_e, b_n), color=REFUSED)
+            axis.annotate(
+                f"beacon {name}",
+                (b_e, b_n),
+                xytext=(6, 4),
+                textcoords="offset points",
+                color=REFUSED,
+            )
     for name, places in source.targets.items():
         t_n, t_e = north_east(np.radians(places[:, 0]), np.radians(places[:, 1]), *middle)
         axis.plot(*_thin(t_e, t_n), color=FOLLOWED, linewidth=1.0, label=f"target {name}")
@@ -94,7 +110,7 @@ def errors(found: Errors, source: Source) -> Figure:
     figure, axes = _stack(len(names), source)
     for axis, (name, label) in zip(axes, names.items(), strict=True):
         error, sigma = getattr(found, name), found.sigma[name]
-        t, low, high, line = _thin(_since(found.t_s, source), -3 * sigma, 3 * sigma, error)
+        t, low, high, line = _thin(_days(found.t_s), -3 * sigma, 3 * sigma, error)
         axis.fill_between(t, low, high, color=BAND, linewidth=0)
         axis.plot(t, line, color=SOLUTION, linewidth=0.9)
         axis.set_ylabel(label)
@@ -108,7 +124,7 @@ def sigmas(source: Source) -> Figure:
     """Claimed uncertainties over time, on a background that tells the mode."""
     figure, axes = _stack(3, source)
     nav = source.nav
-    t = _since(nav["t_s"], source)
+    t = _days(nav["t_s"])
     horizontal = np.hypot(nav["sd_n_m"], nav["sd_e_m"])
     rows = (
         ("horizontal (m)", horizontal),
@@ -122,6 +138,9 @@ def sigmas(source: Source) -> Figure:
         axis.yaxis.set_major_formatter("{x:g}")
         axis.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.4)))
         _shade(axis, t, source.nav.modes)
+    seen = [mode for mode in Mode if mode in source.nav.modes]
+    swatches = [Patch(color=_colour(mode), label=mode.value.replace("_", " ")) for mode in seen]
+    axes[0].legend(handles=swatches, loc="best", ncols=len(seen), fontsize="small")
     return figure
 
 
@@ -129,7 +148,7 @@ def motion(source: Source) -> Figure:
     """What the vehicle did."""
     figure, axes = _stack(3, source)
     nav = source.nav
-    t = _since(nav["t_s"], source)
+    t = _days(nav["t_s"])
     speed = np.hypot(nav["vn_m_s"], nav["ve_m_s"])
     rows = (
         ("height (m)", nav["height_m"]),
@@ -151,7 +170,7 @@ def innovations(found: dict[tuple[str, str], Innovations], source: Source) -> Fi
         return None
     figure, axes = _stack(len(found), source, 1.6)
     for axis, ((device, component), rows) in zip(axes, found.items(), strict=True):
-        t, ratio = _since(rows.t_s, source), rows.value / rows.sigma
+        t, ratio = _days(rows.t_s), rows.value / rows.sigma
         for gate in (-3.0, 0.0, 3.0):
             axis.axhline(gate, color="0.6", linewidth=0.8)
         used = rows.accepted
@@ -170,12 +189,13 @@ def nis(source: Source) -> Figure | None:
     figure, axes = _stack(len(fixes), source, 1.8)
     for axis, (device, (rows, components)) in zip(axes, fixes.items(), strict=True):
         gate = float(scipy.special.chdtri(components, 1.0 - source.config.filter.innovation_gate))
-        t, used = _since(rows.t_s, source), rows.accepted
+        t, used = _days(rows.t_s), rows.accepted
         axis.plot(t[used], rows.nis[used], ".", color=SOLUTION, markersize=3)
         axis.plot(t[~used], rows.nis[~used], "x", color=REFUSED, markersize=5)
         axis.axhline(gate, color=REFUSED, linewidth=0.9)
         axis.axhline(components, color="0.6", linewidth=0.8)
         axis.set_yscale("log")
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.set_ylabel(device)
     return figure
 
@@ -190,11 +210,13 @@ def calibration(source: Source) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 1.7 * lines), layout="constrained")
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True).ravel()
     for axis, (name, table) in zip(axes, rows.items(), strict=False):
-        t, value, sigma = _thin(_since(table[:, 0], source), table[:, 1], table[:, 2])
+        t, value, sigma = _thin(_days(table[:, 0]), table[:, 1], table[:, 2])
         axis.fill_between(t, value - sigma, value + sigma, color=BAND, linewidth=0)
         axis.plot(t, value, color=SOLUTION, linewidth=1.0)
-        axis.set_title(name, fontsize="small")
+        axis.set_title(titled(name), fontsize="small")
         axis.tick_params(labelsize="small")
+        axis.tick_params(axis="x", labelbottom=True)
+        _utc(axis, 4)
     for axis in axes[len(rows) :]:
         axis.set_axis_off()
     return figure
@@ -207,9 +229,18 @@ def _stack(count: int, source: Source, height: float = 1.7) -> tuple[Figure, Seq
     for axis in axes:
         axis.grid(color="0.92")
     nav = source.nav
-    axes[-1].set_xlim(0.0, max(float(nav["t_s"][-1] - nav["t_s"][0]), 1.0))
-    axes[-1].set_xlabel("s since the first solution")
+    begin, end = nav["t_s"][0], max(nav["t_s"][-1], nav["t_s"][0] + 1.0)
+    axes[-1].set_xlim(begin / DAY_S, end / DAY_S)
+    axes[-1].set_xlabel(f"UTC, {datetime.fromtimestamp(begin, UTC):%Y-%m-%d}")
+    _utc(axes[-1], 10)
     return figure, axes
+
+
+def _utc(axis: Axes, ticks: int) -> None:
+    """Time of the day along the axis; midnight has its date."""
+    locator = AutoDateLocator(tz=UTC, maxticks=ticks)
+    axis.xaxis.set_major_locator(locator)
+    axis.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=UTC, show_offset=False))
 
 
 def _fixes(source: Source) -> dict[str, tuple[Innovations, int]]:
@@ -225,12 +256,28 @@ def _shade(axis: Axes, t: Array, modes: NDArray[np.str_]) -> None:
     """Colour the background by the mode."""
     starts = [0, *(np.flatnonzero(modes[1:] != modes[:-1]) + 1).tolist(), len(modes)]
     for begin, end in pairwise(starts):
-        colour = _MODES.get(str(modes[begin]), "#f9d7d2")
+        colour = _colour(str(modes[begin]))
         axis.axvspan(t[begin], t[min(end, len(t) - 1)], color=colour, linewidth=0, zorder=0)
 
 
-def _since(t_s: Array, source: Source) -> Array:
-    return np.asarray(t_s - source.nav["t_s"][0])
+def _colour(mode: str) -> str:
+    return _MODES.get(mode, "#f9d7d2")
+
+
+def _middle(source: Source) -> tuple[float, float]:
+    """Mean latitude and longitude, rad; where the metres are counted from."""
+    nav = source.nav
+    return math.radians(np.mean(nav["lat_deg"])), math.radians(np.mean(nav["lon_deg"]))
+
+
+def _place(source: Source) -> str:
+    lat, lon = map(math.degrees, _middle(source))
+    return f"{abs(lat):.6f}° {'NS'[lat < 0.0]}, {abs(lon):.6f}° {'EW'[lon < 0.0]}"
+
+
+def _days(t_s: Array) -> Array:
+    """Unix days, as matplotlib counts them."""
+    return np.asarray(t_s / DAY_S)
 
 
 def _thin(*columns: Array) -> list[Array]:

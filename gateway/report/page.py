@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gateway.errors import UsblnavError
+from gateway.outputs.schema import titled
 from gateway.report.figures import draw
 from gateway.report.source import Source
 
@@ -43,10 +44,10 @@ def text(source: Source) -> str:
     )
     return template.substitute(
         title=escape(f"{vehicle}: navigation report"),
-        vehicle=escape(vehicle),
         period=escape(_period(source)),
         tiles="".join(_tile(*tile) for tile in _tiles(source)),
         figures=figures,
+        alignment=_section("Finding the attitude", _table(_alignments(source))),
         accuracy=_section("Against the truth", _table(_accuracy(source))),
         devices=_section("Devices", _table(_devices(source))),
         fixes=_section("Fixes that were not used", _table(_refusals(source))),
@@ -102,6 +103,19 @@ def _accuracy(source: Source) -> Iterator[Row]:
         )
 
 
+def _alignments(source: Source) -> Iterator[Row]:
+    if not source.alignments:
+        return
+    yield "window from, UTC", "roll", "pitch", "heading", ""
+    for window in source.alignments:
+        found = (window.found.get(f"{name}_deg") for name in ("roll", "pitch", "heading"))
+        yield (
+            f"{datetime.fromtimestamp(window.t_s, UTC):%H:%M:%S}",
+            *("-" if one is None else f"{one[0]:z.2f} ± {one[1]:.2f} deg" for one in found),
+            "used" if window.accepted else window.reason,
+        )
+
+
 def _devices(source: Source) -> Iterator[Row]:
     devices: dict[str, dict[str, Any]] = source.summary.get("devices", {})
     if not devices:
@@ -139,7 +153,7 @@ def _constants(source: Source) -> Iterator[Row]:
         return
     yield "constant", "value", "1 sigma", "1 sigma at the beginning"
     for name, table in source.calibration.items():
-        yield name, f"{table[-1, 1]:.5g}", f"{table[-1, 2]:.2g}", f"{table[0, 2]:.2g}"
+        yield titled(name), f"{table[-1, 1]:.5g}", f"{table[-1, 2]:.2g}", f"{table[0, 2]:.2g}"
 
 
 def _tile(figure: str, what: str, beside: str) -> str:
@@ -164,7 +178,7 @@ def _line(tag: str, cells: Row) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    return "-" if value is None else f"{value:z.3g}"
 
 
 def _span(seconds: float) -> str:

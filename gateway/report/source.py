@@ -45,6 +45,16 @@ class Innovations:
 
 
 @dataclass(frozen=True)
+class Alignment:
+    """What the IMU found of the attitude in one window: by component, value and sigma."""
+
+    t_s: float
+    found: dict[str, tuple[float, float]]
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True)
 class Errors:
     """Solution minus truth at the epochs (k,) that the truth covers; metres and degrees."""
 
@@ -71,7 +81,9 @@ class Source:
     calibration
         By name: (k, 3) time, value and sigma.
     innovations
-        By ``(device, component)``.
+        Of fixes, by ``(device, component)``.
+    alignments
+        In order of time.
     refused
         Fixes by device and reason that were not compared at all.
     targets
@@ -81,6 +93,7 @@ class Source:
     folder: Path
     nav: Navigation
     innovations: dict[tuple[str, str], Innovations]
+    alignments: list[Alignment]
     refused: dict[tuple[str, str], int]
     calibration: dict[str, Array]
     summary: dict[str, Any]
@@ -99,9 +112,14 @@ def read(folder: Path, truth: Path | None = None) -> Source:
         Naming what is missing or cannot be read.
     """
     _complete(folder)
+    file = folder / "config.yaml"
+    config = load(file) if file.is_file() else None
+    imu = config.imu[0] if config else ""
     try:
         nav = _navigation(folder / "nav.csv")
-        innovations, refused = _innovations(folder / "innovations.csv")
+        rows = _rows(folder / "innovations.csv")
+        innovations, refused = _innovations([row for row in rows if row["device"] != imu])
+        alignments = _alignments([row for row in rows if row["device"] == imu])
         calibration = _calibration(folder / "calibration.csv")
         targets = _targets(folder / "targets.csv")
         summary = msgspec.json.decode((folder / "summary.json").read_bytes(), type=dict[str, Any])
@@ -109,16 +127,16 @@ def read(folder: Path, truth: Path | None = None) -> Source:
         raise ConfigError([f"{folder}: not what a replay writes: {error}"]) from error
     if not len(nav["t_s"]):
         raise ConfigError([f"{folder}/nav.csv: holds no solution"])
-    config = folder / "config.yaml"
     return Source(
         folder=folder,
         nav=nav,
         innovations=innovations,
+        alignments=alignments,
         refused=refused,
         calibration=calibration,
         summary=summary,
-        config=load(config) if config.is_file() else None,
-        config_text=config.read_text() if config.is_file() else "",
+        config=config,
+        config_text=file.read_text() if config else "",
         errors=None if truth is None else _errors(nav, truth),
         targets=targets,
     )
@@ -143,11 +161,11 @@ def _navigation(path: Path) -> Navigation:
 
 
 def _innovations(
-    path: Path,
+    table: list[dict[str, str]],
 ) -> tuple[dict[tuple[str, str], Innovations], dict[tuple[str, str], int]]:
     compared: dict[tuple[str, str], list[tuple[float, ...]]] = {}
     refused: dict[tuple[str, str], int] = {}
-    for row in _rows(path):
+    for row in table:
         if not row["component"]:
             key = row["device"], row["reason"]
             refused[key] = refused.get(key, 0) + 1
@@ -156,10 +174,20 @@ def _innovations(
         key = row["device"], row["component"]
         compared.setdefault(key, []).append((*numbers, float(row["accepted"])))
     found = {}
-    for key, table in compared.items():
-        t_s, value, sigma, nis, accepted = np.array(table).T
+    for key, numbers_of in compared.items():
+        t_s, value, sigma, nis, accepted = np.array(numbers_of).T
         found[key] = Innovations(t_s, value, sigma, nis, accepted > 0.0)
     return found, refused
+
+
+def _alignments(table: list[dict[str, str]]) -> list[Alignment]:
+    windows: dict[str, Alignment] = {}
+    for row in table:
+        told = Alignment(float(row["t_s"]), {}, row["accepted"] == "1", row["reason"])
+        window = windows.setdefault(row["t_s"], told)
+        if row["component"]:
+            window.found[row["component"]] = float(row["value"]), float(row["sigma"])
+    return list(windows.values())
 
 
 def _calibration(path: Path) -> dict[str, Array]:

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from datetime import UTC, datetime
 from functools import partial
 from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -184,3 +185,29 @@ def test_what_was_followed_is_in_the_track(voyage: Path, tmp_path: Path) -> None
     page = report.text(source)
     assert "target rov" in page
     assert "target rov" not in alone
+
+
+def test_times_are_of_the_clock_and_metres_of_a_stated_place(voyage: Path) -> None:
+    page = Page(report.text(report.read(voyage / "OUT")))
+    with (voyage / "OUT" / "nav.csv").open() as file:
+        nav = list(csv.DictReader(file))
+    day = datetime.fromtimestamp(float(nav[0]["t_s"]), UTC)
+    assert page.text.count(f"UTC, {day:%Y-%m-%d}") == 4  # sigmas, motion, innovations, NIS
+    lat, lon = (np.mean([float(row[k]) for row in nav]) for k in ("lat_deg", "lon_deg"))
+    assert f"in metres from {lat:.6f}° N, {lon:.6f}° E" in page.text
+
+
+def test_what_the_imu_found_stands_in_a_table(voyage: Path, tmp_path: Path) -> None:
+    out = tmp_path / "OUT"
+    shutil.copytree(voyage / "OUT", out)
+    with (out / "innovations.csv").open("a") as file:
+        table = csv.writer(file)
+        table.writerow([1_700_000_000, "imu0", "", "", "", "", "", 0, "level_turning"])
+        for name, value in (("roll", -0.001), ("pitch", 1.34), ("heading", 24.79)):
+            row = [1_700_000_030, "imu0", "", f"{name}_deg", value, 0.04, "", 1, ""]
+            table.writerow(row)
+    source = report.read(out)
+    assert {device for device, _ in source.innovations} == {"usbl0"}
+    said = Page(report.text(source)).text
+    assert "22:13:20---level_turning" in said
+    assert "22:13:500.00 ± 0.04 deg1.34 ± 0.04 deg24.79 ± 0.04 degused" in said
