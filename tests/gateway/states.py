@@ -6,8 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gateway.fusion.errors import FAMILY, ErrorDefinition
+from gateway.fusion.filter import Memory
 from gateway.fusion.state import ATT, BA, BG, LATENCY, LEVER, N_FULL, POS, VEL, State
 from gateway.nav import earth, strapdown
+from gateway.nav.lie import log_so3
 
 ORIGIN = earth.lla_to_ecef(np.radians(45.0), np.radians(126.0), -20.0)
 NAMES = sorted(FAMILY)
@@ -55,3 +57,15 @@ def derivative(
 
         columns.append((8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * step))
     return np.column_stack(columns)
+
+
+def same_memory(memory: Memory, reference: Memory) -> None:
+    """Assert that two filters are in one state, to rounding, and have counted the same."""
+    a, b = memory.state, reference.state
+    np.testing.assert_allclose(a.r_e, b.r_e, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(a.v_eb_e, b.v_eb_e, rtol=0.0, atol=1e-12)
+    assert np.linalg.norm(log_so3(a.C_eb @ b.C_eb.T)) < 1e-12
+    np.testing.assert_allclose(a.constants, b.constants, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(a.P, b.P, rtol=1e-9, atol=1e-18)
+    assert (memory.used, memory.gated) == (reference.used, reference.gated)
+    assert memory.t_used_ns == reference.t_used_ns

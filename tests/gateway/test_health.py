@@ -1,6 +1,5 @@
 """What the gateway says of itself as time goes by, and when the watchdog may be fed."""
 
-import logging
 from collections.abc import Callable
 from typing import get_args
 
@@ -57,18 +56,6 @@ def nav(mode: Mode) -> NavReport:
 @pytest.fixture
 def setting() -> Setting:
     return Setting()
-
-
-@pytest.fixture
-def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
-    caplog.set_level(logging.INFO)
-
-    def take() -> list[str]:
-        lines = list(caplog.messages)
-        caplog.clear()
-        return lines
-
-    return take
 
 
 def test_silence_of_an_open_line_is_said_once_and_its_end_too(

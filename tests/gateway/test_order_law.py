@@ -13,11 +13,11 @@ from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
 from gateway.ingest import intakes
 from gateway.messages import ImuBlock
-from gateway.nav.lie import log_so3
 from gateway.order import Refusal
 from gateway.schema import build
 from gateway.timeline import Timeline
 from tests.gateway.emulated import START, demo_data, make
+from tests.gateway.states import same_memory
 
 RATE_HZ = 50.0
 SECONDS = 3.0
@@ -98,20 +98,9 @@ def test_any_order_of_arrival_gives_the_result_of_the_order_of_time(heard, slice
                     verdicts += found
             verdicts += timeline.extend(t_ns[first : first + block], rows[first : first + block])
         memory, expected = reference(tuple(sorted(taken)))
-        same_state(engine.memory, memory)
+        same_memory(engine.memory, memory)
         assert sorted(v.t_ns for v in verdicts) == sorted(expected), "one verdict each"
         counts = timeline.counts
         assert len(taken) + counts.too_late + counts.too_early + counts.duplicate == len(fixes) + 2
         counted += [counts.late, counts.too_late, counts.too_early, counts.duplicate]
     assert counted.min() > CASES // 20, counted
-
-
-def same_state(memory, reference):
-    a, b = memory.state, reference.state
-    np.testing.assert_allclose(a.r_e, b.r_e, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(a.v_eb_e, b.v_eb_e, rtol=0.0, atol=1e-12)
-    assert np.linalg.norm(log_so3(a.C_eb @ b.C_eb.T)) < 1e-12
-    np.testing.assert_allclose(a.constants, b.constants, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(a.P, b.P, rtol=1e-9, atol=1e-18)
-    assert (memory.used, memory.gated) == (reference.used, reference.gated)
-    assert memory.t_used_ns == reference.t_used_ns

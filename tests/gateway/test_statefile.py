@@ -1,7 +1,6 @@
 """The state on disk: fresh, old, damaged, foreign, and a disk that will not take it."""
 
 import hashlib
-import logging
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -56,18 +55,6 @@ def config() -> Config:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "state"
-
-
-@pytest.fixture
-def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
-    caplog.set_level(logging.INFO)
-
-    def take() -> list[str]:
-        lines = list(caplog.messages)
-        caplog.clear()
-        return lines
-
-    return take
 
 
 def packed(config: Config) -> bytes:

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from gateway.fusion import initial
 from gateway.fusion.filter import Filter, Memory
-from gateway.nav.lie import log_so3
 from gateway.order import Refusal
 from gateway.timeline import LOOK_BACK_S, MAX_WAITING, SLICE, UPDATE, Timeline
 from tests.gateway.emulated import demo_data, make
+from tests.gateway.states import same_memory
 from tests.gateway.voyages import Voyage, configuration
 
 RATE_HZ = 100.0
@@ -65,17 +65,6 @@ def in_order():
     return filter_.memory, verdicts
 
 
-def same(memory, reference):
-    a, b = memory.state, reference.state
-    np.testing.assert_allclose(a.r_e, b.r_e, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(a.v_eb_e, b.v_eb_e, rtol=0.0, atol=1e-12)
-    assert np.linalg.norm(log_so3(a.C_eb @ b.C_eb.T)) < 1e-12
-    np.testing.assert_allclose(a.constants, b.constants, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(a.P, b.P, rtol=1e-9, atol=1e-18)
-    assert (memory.used, memory.gated) == (reference.used, reference.gated)
-    assert memory.t_used_ns == reference.t_used_ns
-
-
 N_FIXES = len(voyage()[0].fixes)
 delays = st.lists(st.floats(-2.0, SECONDS), min_size=N_FIXES, max_size=N_FIXES)
 
@@ -106,7 +95,7 @@ def test_any_order_of_arrival_gives_the_state_of_the_order_of_time(delays, block
         verdicts += timeline.extend(trip.t_ns[k : k + block], trip.rows[k : k + block])
     while arrivals:
         offer()
-    same(filter_.memory, in_order()[0])
+    same_memory(filter_.memory, in_order()[0])
     assert refused == timeline.counts.duplicate == len(repeated)
     assert timeline.counts.too_late == 0
     assert sorted(v.t_ns for v in verdicts) == [f.t_ns for f in trip.fixes], "one verdict each"
@@ -120,7 +109,7 @@ def test_a_late_verdict_is_what_it_would_have_been():
     for fix in reversed(trip.fixes):
         (verdict,) = timeline.insert(fix, fix.t_ns, key(fix))
     assert timeline.counts.late == N_FIXES
-    same(filter_.memory, in_order()[0])
+    same_memory(filter_.memory, in_order()[0])
     assert verdict.nis == pytest.approx(in_order()[1][0].nis, rel=1e-9)
 
 
