@@ -34,11 +34,14 @@ class ToldAxes(NamedTuple):
         ``Psi``: an attitude error phi turns them by ``Psi phi``, in e.
     by_mounting
         The left Jacobian of theta, by which the array is mounted otherwise than its topside thinks.
+    C_eu
+        From the array's own axes, in which it measures, to e.
     """
 
     C_ea: Array
     turning: Array
     by_mounting: Array
+    C_eu: Array
 
 
 class Course(NamedTuple):
@@ -67,9 +70,10 @@ def told_axes(state: State, C_bu: Array, name: AxesName) -> ToldAxes | None:
     if nominal is None:
         return None
     C_ea, turning = nominal
-    Q = state.C_eb @ state.C_theta @ state.C_eb.T
+    C_eb, C_theta = state.C_eb, state.C_theta
+    Q = C_eb @ C_theta @ C_eb.T
     by_mounting = left_jacobian(state.theta)
-    return ToldAxes(Q @ C_ea, np.eye(3) - Q + Q @ turning, by_mounting)
+    return ToldAxes(Q @ C_ea, np.eye(3) - Q + Q @ turning, by_mounting, C_eb @ C_theta @ C_bu)
 
 
 def nominal_axes(state: State, C_bu: Array, name: AxesName) -> tuple[Array, Array] | None:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from gateway.engine import Track
 from gateway.fusion import robust, target
-from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import (
     Linearised,
     innovation_covariance,
@@ -260,19 +259,25 @@ class Filter:
         """Update; where the fix bends on the way, again from the start as it is seen at the end.
 
         The most likely state by Gauss and Newton: what is believed of a fix is what it tells where
-        the vehicle is, not where it was thought to be.  # (M.38)
+        the vehicle is, not where it was thought to be. Step and derivative are the error
+        definition's own, or the step would tell what no fix does.  # (M.38), (M.167)
         """
-        prior, at = self.memory.state.copy(), z
+        error, prior, at = self.model.error, self.memory.state.copy(), z
+        T = error.to_additive(prior, self.origin_e)
+        T_inv = np.linalg.inv(T)
         for _ in range(LOOKS):
             self._update(at)
-            way = FAMILY["additive"].boxminus(self.memory.state, prior, self.origin_e)
+            way = error.boxminus(self.memory.state, prior, self.origin_e)
+            way[:9] = T @ way[:9]
             seen = self._observe(fix, track)
             if isinstance(seen, str) or seen.names != z.names:
                 return
             bent = seen.residual - (at.residual + at.H @ way)
             if (bent**2 <= STRAIGHT**2 * z.R.diagonal()).all():
                 return
-            at = replace(z, residual=seen.residual - seen.H @ way, H=seen.H)
+            H = seen.H.copy()
+            H[:, :9] = H[:, :9] @ error.to_additive(self.memory.state, self.origin_e) @ T_inv
+            at = replace(z, residual=seen.residual - H @ way, H=H)
             self.memory.state = prior.copy()
         self._update(at)
 

@@ -26,7 +26,7 @@ from gateway.fusion.state import (
     THETA,
     State,
 )
-from gateway.fusion.usbl import ArrayGeometry, Sighting
+from gateway.fusion.usbl import ArrayGeometry, Sighting, angles, by_polar
 from gateway.nav.earth import C_en, ecef_to_lla
 from gateway.nav.lie import skew
 
@@ -53,7 +53,7 @@ def linearise(
     range_m, by_range = _range_at_reception(state, geometry, sight)
     if not range_m > 0.0:
         return None
-    E = axes.C_ea @ _by_polar(float(alpha), float(beta), range_m)
+    E = axes.C_ea @ by_polar(float(alpha), float(beta), range_m)
     C = state.C_eb
     r_e, l_e = range_m * E[:, 2], C @ (geometry.lever_b + state.lever_b)
     H[:, ATT] = -skew(r_e) @ axes.turning - skew(l_e)
@@ -68,7 +68,9 @@ def linearise(
     lat, lon, _ = ecef_to_lla(sight.beacon_e)
     C_ne = C_en(lat, lon).T
     if sigma_m is None:
-        noise = E * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
+        elevation, bearing = angles(tuple((axes.C_eu.T @ r_e).tolist()))
+        measured = axes.C_eu @ by_polar(elevation, bearing, range_m)
+        noise = measured * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
         turned = skew(r_e) @ axes.C_ea * np.sqrt(sight.sensor_variance())
         R = C_ne @ (noise @ noise.T + turned @ turned.T) @ C_ne.T
     else:
@@ -106,15 +108,3 @@ def _range_at_reception(
         range_m += 0.5 * (back - there)
         by_range = 0.5 * (by_back - by_there)
     return range_m, by_range
-
-
-def _by_polar(alpha: float, beta: float, range_m: float) -> Array:
-    """(3, 3) derivative of a point in array axes by elevation, bearing and range."""
-    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
-    return np.array(
-        [
-            [-range_m * sa * cb, -range_m * ca * sb, ca * cb],
-            [-range_m * sa * sb, range_m * ca * cb, ca * sb],
-            [-range_m * ca, 0.0, -sa],
-        ]
-    )

@@ -107,6 +107,18 @@ def direction(elevation: float, bearing: float) -> Array:
     return np.array([level * math.cos(bearing), level * math.sin(bearing), -math.sin(elevation)])
 
 
+def by_polar(elevation: float, bearing: float, range_m: float) -> Array:
+    """(3, 3) derivative of a point by elevation, bearing and range."""
+    sa, ca, sb, cb = np.sin(elevation), np.cos(elevation), np.sin(bearing), np.cos(bearing)
+    return np.array(
+        [
+            [-range_m * sa * cb, -range_m * ca * sb, ca * cb],
+            [-range_m * sa * sb, range_m * ca * cb, ca * sb],
+            [-range_m * ca, 0.0, -sa],
+        ]
+    )
+
+
 def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Linearised | None:
     """Predict a fix and its derivatives at the state of the reply's arrival.
 
@@ -121,7 +133,7 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     axes = told_axes(state, geometry.C_bu, sight.axes)
     if axes is None:
         return None
-    r_a, A = _angle_rows(state.C_eb, *axes, lever_b, d_e, H)
+    r_a, A = _angle_rows(state.C_eb, *axes[:3], lever_b, d_e, H)
     if math.hypot(r_a[0], r_a[1]) < MIN_HORIZONTAL * math.hypot(*r_a):
         measured = measured.copy()
         measured[BEARING] = np.nan
@@ -137,14 +149,18 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     names = tuple(ROW_NAMES[i] for i in rows)
     R = np.diag(sight.sigma**2)
     if sight.axes != "array":
-        R[:2, :2] += _noise_of_sensor(A, np.array(r_a), sight.sensor_variance())
+        R[:2, :2] = _told_noise(A, axes.C_eu.T @ axes.C_ea, np.array(r_a), sight)
     return Linearised(residual[rows], H, R[np.ix_(rows, rows)], names)
 
 
-def _noise_of_sensor(A: Array, r_a: Array, variance: Array) -> Array:
-    """(2, 2) of elevation and bearing by axes that are turned a little.  # (M.163)"""
+def _told_noise(A: Array, C_ua: Array, r_a: Array, sight: Sighting) -> Array:
+    """(2, 2) of angles that the array measured in its own axes and a sensor turned.  # (M.163)"""
+    r_u = C_ua @ r_a
+    elevation, bearing = angles((r_u[0], r_u[1], r_u[2]))
+    measured = A @ C_ua.T @ by_polar(elevation, bearing, float(np.linalg.norm(r_u)))[:, :2]
     turned = A @ skew(r_a)
-    noise: Array = turned * variance @ turned.T
+    by_array = measured * sight.sigma[:2] ** 2 @ measured.T
+    noise: Array = by_array + turned * sight.sensor_variance() @ turned.T
     return noise
 
 

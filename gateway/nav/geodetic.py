@@ -22,7 +22,7 @@ N_WORDS = 19
 
 @compiled
 def words(x: Array, P: Array) -> Array:
-    """State in NED and Euler angles with 1-sigma errors.  # (M.50)
+    """State in NED and Euler angles with 1-sigma errors.  # (M.50), (M.51)
 
     Parameters
     ----------
@@ -43,10 +43,11 @@ def words(x: Array, P: Array) -> Array:
     out[0], out[1], out[2] = lat, lon, h
     out[3], out[4], out[5] = _dot(n, v), _dot(e, v), _dot(d, v)
     out[6], out[7], out[8] = roll, pitch, heading % (2.0 * math.pi)
-    _sigmas(P, 6, (n, e, d), out[9:12])
-    _sigmas(P, 3, (n, e, d), out[12:15])
-    _sigmas(P, 0, _euler_axes(pitch, heading, n, e, d), out[15:18])
-    out[18] = _covariance(P, 6, n, e)
+    r_arc, v_arc = _arc(P, 6, d), _arc(P, 3, d)
+    _sigmas(P, 6, (n, e, d), r_arc, out[9:12])
+    _sigmas(P, 3, (n, e, d), v_arc, out[12:15])
+    _sigmas(P, 0, _euler_axes(pitch, heading, n, e, d), (0.0, 0.0, 0.0), out[15:18])
+    out[18] = _covariance(P, 6, n, e) + _dot(n, r_arc) * _dot(e, r_arc)
     return out
 
 
@@ -97,10 +98,25 @@ def _euler_axes(pitch: float, heading: float, n: Vec, e: Vec, d: Vec) -> tuple[V
 
 
 @compiled
-def _sigmas(P: Array, at: int, axes: tuple[Vec, Vec, Vec], out: Array) -> None:
+def _sigmas(P: Array, at: int, axes: tuple[Vec, Vec, Vec], arc: Vec, out: Array) -> None:
     """Roots of the variances along three axes of the block of three that begins at `at`."""
     for k in range(3):
-        out[k] = math.sqrt(max(_covariance(P, at, axes[k], axes[k]), 0.0))
+        variance = _covariance(P, at, axes[k], axes[k]) + _dot(axes[k], arc) ** 2
+        out[k] = math.sqrt(max(variance, 0.0))
+
+
+@compiled
+def _arc(P: Array, at: int, d: Vec) -> Vec:
+    """How far off its chord a vector lies that is wrong as the heading is, rms.  # (M.51)"""
+    variance = _covariance(P, 0, d, d)
+    if not variance > 0.0:
+        return 0.0, 0.0, 0.0
+    off = math.sqrt(max(0.5 * math.expm1(-2.0 * variance) - 2.0 * math.expm1(-0.5 * variance), 0.0))
+    share = off / variance
+    x = share * _dot((P[at, 0], P[at, 1], P[at, 2]), d)
+    y = share * _dot((P[at + 1, 0], P[at + 1, 1], P[at + 1, 2]), d)
+    z = share * _dot((P[at + 2, 0], P[at + 2, 1], P[at + 2, 2]), d)
+    return d[1] * z - d[2] * y, d[2] * x - d[0] * z, d[0] * y - d[1] * x
 
 
 @compiled

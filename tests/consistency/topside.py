@@ -63,11 +63,12 @@ class Topside(Voyage):
         """A reply in words: turned by its own sensor or, where it follows one, by a solution."""
         rng = generator(self.scenario.seed, "topside", str(h.t_ns))
         if nav is None:
-            return _fix(h, self._noisy(_turned(h, words, rng), rng), words)
+            told = _turned(h, _vector(self._noisy(h.r_u, rng)), words, rng)
+            return _fix(h, self._offset(_polar(told)), words)
         roll, pitch, heading = self.scenario.devices["usbl0"].mounting_deg
         C_bu = Rotation.from_euler("ZYX", [heading, pitch, roll], degrees=True)
         C_nb = Rotation.from_euler("ZYX", [nav.heading, nav.pitch, nav.roll])
-        seen_n = (C_nb * C_bu).apply(_vector(self._noisy(h.r_u, rng)))
+        seen_n = (C_nb * C_bu).apply(_vector(self._offset(self._noisy(h.r_u, rng))))
         if words == "place":
             from_imu = C_nb.apply(self.scenario.devices["usbl0"].lever_arm_m) + seen_n
             at = earth.lla_to_ecef(nav.lat, nav.lon, nav.h)
@@ -78,27 +79,28 @@ class Topside(Voyage):
             seen_n = Rotation.from_euler("Z", ahead).inv().apply(seen_n)
         return _fix(h, _polar(seen_n), words)
 
-    def _noisy(self, told: np.ndarray, rng: np.random.Generator) -> Polar:
-        """Elevation, bearing and range of a place, the angles with the declared errors."""
-        model = self.scenario.devices["usbl0"]
-        constant = acoustic_errors(self.scenario, "usbl0", model)
-        sd = np.radians([model.noise.elevation_deg, model.noise.bearing_deg])
-        elevation, bearing, range_m = _polar(told)
-        by_elevation, by_bearing = sd * rng.normal(size=2)
-        return (
-            elevation + constant.elevation + by_elevation,
-            bearing + constant.bearing + by_bearing,
-            range_m,
-        )
+    def _noisy(self, r_u: np.ndarray, rng: np.random.Generator) -> Polar:
+        """Elevation, bearing and range of a place, the angles with the declared white errors."""
+        noise = self.scenario.devices["usbl0"].noise
+        by_elevation, by_bearing = rng.normal(size=2)
+        elevation, bearing, range_m = _polar(r_u)
+        elevation += np.radians(noise.elevation_deg) * by_elevation
+        return elevation, bearing + np.radians(noise.bearing_deg) * by_bearing, range_m
+
+    def _offset(self, told: Polar) -> Polar:
+        """The same with the constant errors of what is told."""
+        constant = acoustic_errors(self.scenario, "usbl0", self.scenario.devices["usbl0"])
+        elevation, bearing, range_m = told
+        return elevation + constant.elevation, bearing + constant.bearing, range_m
 
 
-def _turned(h: Heard, words: Words, rng: np.random.Generator) -> np.ndarray:
-    """A place (3,) turned by the topside's own motion sensor, whose error is white."""
+def _turned(h: Heard, r_u: np.ndarray, words: Words, rng: np.random.Generator) -> np.ndarray:
+    """A place (3,) in array axes, turned by the topside's own motion sensor: its error is white."""
     tilt, turn = np.radians([TILT_DEG, HEADING_DEG])
     heading, pitch, roll = Rotation.from_matrix(_C_en(h.r_e).T @ h.C_eu).as_euler("ZYX")
     heading = heading + turn * rng.normal() if words == "north" else 0.0
     by_sensor = [heading, pitch + tilt * rng.normal(), roll + tilt * rng.normal()]
-    return Rotation.from_euler("ZYX", by_sensor).apply(h.r_u)
+    return Rotation.from_euler("ZYX", by_sensor).apply(r_u)
 
 
 def _polar(place: np.ndarray) -> Polar:

@@ -34,6 +34,13 @@ def model(error):
     return initial.model(config), initial.initial_state(config)
 
 
+def spun(b_e, origin_e):
+    """Right-invariant error (9,) of the whole pose turned about the vertical through a beacon."""
+    lat, lon, _ = ecef_to_lla(b_e)
+    down = C_en(lat, lon)[:, 2]
+    return np.concatenate([down, np.zeros(3), np.cross(b_e - origin_e, down)])
+
+
 def squared_error(error, rng, off_m, use):
     """Normalised square of the position's error after one fix from `off_m` beside the beacon."""
     known, fresh = model(error)
@@ -76,3 +83,29 @@ def test_the_claim_holds_where_the_fix_bends(error, off_m):
     assert low < total[looked_at_again] < high
     if off_m < 50.0:
         assert total[looked_at_once] > 10.0 * high
+
+
+def test_a_fix_that_bends_says_nothing_of_the_heading_about_its_beacon():
+    """The pose turned about the beacon gives the same fix, wherever it is looked at from."""
+    known, fresh = model("right_invariant")
+    b_e, array = known.beacons["1"].r_e, known.arrays["usbl0"]
+    lat, lon, _ = ecef_to_lla(b_e)
+    C_eb = C_en(lat, lon)
+    r_e = b_e + C_eb @ np.array([-60.0, 8.0, -DEPTH_M])
+    P = np.diag(np.full(len(fresh.P), 1e-12))
+    P[:9, :9] = np.diag(np.repeat([np.radians(2.0), 0.1, 5.0], 3) ** 2)
+    r_u = array.geometry.C_bu.T @ (C_eb.T @ (b_e - r_e) + [9.0, 12.0, 2.0])
+    fix = UsblFix(0, "usbl0", "1", *angles(tuple(r_u)), float(np.linalg.norm(r_u)))
+
+    def used(use):
+        filter_ = Filter(known, Memory(State.at(C_eb, np.zeros(3), r_e, P, fresh.columns)))
+        use(filter_, fix)
+        state, origin_e = filter_.memory.state, filter_.origin_e
+        turn = known.error.to_additive(state, origin_e) @ spun(b_e, origin_e)
+        return state.r_e, turn @ np.linalg.solve(state.P[:9, :9], turn)
+
+    _, before = used(lambda filter_, fix: None)
+    once_e, _ = used(looked_at_once)
+    again_e, after = used(looked_at_again)
+    assert np.linalg.norm(again_e - once_e) > 0.2
+    assert after == pytest.approx(before, rel=1e-6)

@@ -128,6 +128,34 @@ def test_an_error_of_the_motion_sensor_is_that_of_the_angles(tilt_deg):
     np.testing.assert_allclose((R - drawn) / scale, 0.0, atol=0.03)
 
 
+@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("name", MODELS)
+def test_noise_is_that_of_an_array_that_is_not_level(axes, name):
+    """Against draws: a beacon well below an array that leans by 25 degrees."""
+    lat, lon = 0.8, 2.2
+    C_eb = earth.C_en(lat, lon) @ Rotation.from_euler("zyx", [0.4, 0.3, 0.3]).as_matrix()
+    state = State.at(C_eb, np.zeros(3), earth.lla_to_ecef(lat, lon, 0.0), np.eye(25))
+    geometry = usbl.ArrayGeometry(np.zeros(3), np.eye(3))
+    C_ea, _ = nominal_axes(state, geometry.C_bu, axes)
+    beacon_e = state.r_e + 100.0 * C_ea @ usbl.direction(-np.radians(70.0), 0.4)
+    sigma = np.array([0.01, 0.02, 0.1])
+    elevation, bearing = usbl.angles(tuple(C_eb.T @ (beacon_e - state.r_e)))
+    seen_a = []
+    draws = sigma * np.random.default_rng(1).normal(size=(10_000, 3))
+    for by_elevation, by_bearing, by_range in draws:
+        at_u = usbl.direction(elevation + by_elevation, bearing + by_bearing)
+        seen_a.append((100.0 + by_range) * C_ea.T @ C_eb @ at_u)
+    told = np.array([[*usbl.angles(tuple(r_a)), np.linalg.norm(r_a)] for r_a in seen_a])
+    if name == "loose":
+        told = np.array(seen_a) @ (earth.C_en(lat, lon).T @ C_ea).T
+    sight = usbl.Sighting(np.array([-np.radians(70.0), 0.4, 100.0]), sigma, beacon_e, None, axes)
+    model = usbl.linearise if name == "tight" else loose.linearise
+    R = model(state, geometry, sight, *([None] if name == "loose" else [])).R
+    drawn = np.cov(told.T)
+    scale = np.sqrt(np.outer(drawn.diagonal(), drawn.diagonal()))
+    np.testing.assert_allclose(R / scale, drawn / scale, atol=0.06)
+
+
 def follower(state, loose_=None):
     """A model whose topside goes by us, of an array mounted anyhow, and where its beacon is."""
     C_bu = Rotation.from_euler("zyx", [0.7, -0.1, 0.2]).as_matrix()
