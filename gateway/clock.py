@@ -156,6 +156,11 @@ class DeviceClock:
         return self._envelope.line.slope
 
     @property
+    def early(self) -> float:
+        """By how many counts an arrival may be early and still be believed."""
+        return self._early
+
+    @property
     def state(self) -> State:
         """Whether it has heard anything, and enough to be relied on."""
         if self._silent:

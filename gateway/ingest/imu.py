@@ -11,10 +11,13 @@ from drivers.records import ImuRecord, Record, Rejected
 from gateway.clock import NEVER, ClockMemory, ClockReport, DeviceClock, Source, Tick
 from gateway.config import ImuDevice, wire_format
 from gateway.ingest.device import DeviceIngest
+from gateway.ingest.uncounted import Bridge, Frames, in_doubt_s
 from gateway.messages import ImuBlock, Measurement
 from gateway.nav.attitude import C_from_euler
 
 Vector = tuple[float, float, float]
+Increments = tuple[Vector, Vector]
+"""Angle (rad) and velocity (m/s), body axes."""
 
 MICROSECOND = 1e-6
 SLOWEST = 0.25
@@ -25,8 +28,6 @@ QUEUE_S, QUEUE_SHARE = 0.1, 0.1
 """How late the first sample after a silence may be, also in parts of the silence."""
 OVERDUE_S = 5.0
 """How long after a silence at least what came late by it may be made up for."""
-WORST_KEPT_S = 10.0
-"""How long it is remembered how late frames that are not counted may come."""
 
 
 class ImuIngest(DeviceIngest):
@@ -44,8 +45,7 @@ class ImuIngest(DeviceIngest):
         self._timeless = 0
         self._known: dict[str, ClockMemory] = {}
         self._clock = self._make_clock()
-        self._counted = 0
-        self._worst = 0.0
+        self._frames, self._bridge = Frames(self._period_s), Bridge()
         self._t_last_ns: int | None = None
         self._bridged = self._since = 0
         self._silence_s, self._silent_until_ns = 0.0, 0
@@ -79,8 +79,8 @@ class ImuIngest(DeviceIngest):
             self._source = source
             self._clock = self._make_clock()
         arrived = [self._left_instrument_ns(record) for record in records]
-        if self._bridged and source == "frames":
-            overdue = self._overdue(len(records), arrived[-1])
+        if self._bridge.samples and source == "frames":
+            overdue = self._made_up_for(records, arrived[-1])
             records, arrived = records[overdue:], arrived[overdue:]
             if not records:
                 return
@@ -159,21 +159,19 @@ class ImuIngest(DeviceIngest):
             return [round((r.t_device_s or 0.0) * 1e6) for r in records]
         if self._source == "sequence":
             return [r.sequence or 0 for r in records]
-        first = self._counted + self._missing(len(records), t_arrival_ns) + 1
-        self._counted = first + len(records) - 1
-        return list(range(first, self._counted + 1))
+        lost = self._frames.lost(self._clock, len(records), t_arrival_ns)
+        return self._frames.number(len(records), lost)
 
-    def _missing(self, arrived: int, t_arrival_ns: int) -> int:
-        """Frames lost before those that came, where nothing but the time can tell.
-
-        They are taken to be lost, and not waiting in a queue, when it is longer since the last than
-        any queue has been for a while.
-        """
-        late = self._clock.expected(t_arrival_ns) - arrived
-        lost = round(late) if late > 1.5 * self._worst + 0.5 else 0
-        forgotten = min(1.0, arrived * self._period_s / WORST_KEPT_S)
-        self._worst = max(self._worst * (1.0 - forgotten), 0.0 if lost else late)
-        return lost
+    def _made_up_for(self, records: list[ImuRecord], t_arrival_ns: int) -> int:
+        """How many of the frames that came together are among those taken for lost."""
+        if t_arrival_ns > self._silent_until_ns + round(1e9 * max(self._silence_s, OVERDUE_S)):
+            self._bridge.forget()
+        surplus = self._frames.surplus(self._clock, len(records), t_arrival_ns)
+        overdue = min(self._bridge.samples, len(records), surplus)
+        for record in records[:overdue]:
+            self._bridge.exchange(*self._increments(record, self._period_s, 1))
+        self.counts.ignored["overdue"] += overdue
+        return overdue
 
     def _add_sample(self, record: ImuRecord, tick: Tick) -> None:
         """Add one sample where its clock has placed it, behind the one before."""
@@ -186,13 +184,17 @@ class ImuIngest(DeviceIngest):
             return
         dt_s = step_s * (1.0 + self._clock.drift)
         samples = max(1, round(step_s / self._period_s))
-        if self._bridged and self._source != "frames" and self._overdue(1, t_ns):
+        if self._bridged and self._overdue(1, t_ns):
             return
         if samples > 1:
             self.counts.gaps += 1
             self.counts.missing += samples - 1
-            self._bridged, self._since = samples - 1, 0
             self._silence_s, self._silent_until_ns = step_s, t_ns
+            if self._source == "frames":
+                share = self._increments(record, self._period_s, 1)
+                self._bridge.build(samples - 1, *share)
+            else:
+                self._bridged, self._since = samples - 1, 0
         self._t_last_ns = t_ns = max(t_ns, self._t_last_ns + round(dt_s * SLOWEST * 1e9))
         self._add(record, t_ns, dt_s, samples)
 
@@ -214,6 +216,16 @@ class ImuIngest(DeviceIngest):
 
     def _add(self, record: ImuRecord, t_ns: int, dt_s: float, samples: int) -> None:
         """Add the increments over `dt_s`, missing samples taken to be like the one that came."""
+        turned, gained = self._increments(record, dt_s, samples)
+        missing_s = dt_s * (samples - 1) / samples
+        if self._source == "frames":
+            turned, gained = self._bridge.settle(turned, gained)
+            missing_s = in_doubt_s(missing_s)
+        self._t.append(t_ns)
+        self._rows.extend((dt_s, *turned, *gained, missing_s))
+
+    def _increments(self, record: ImuRecord, dt_s: float, samples: int) -> Increments:
+        """What so many samples alike add in `dt_s`."""
         if record.delta_angle_rad is not UNSET:
             k = float(samples)
             a = record.delta_angle_rad
@@ -226,10 +238,7 @@ class ImuIngest(DeviceIngest):
         else:
             assert record.specific_force_m_s2 is not UNSET
             m, v = dt_s, record.specific_force_m_s2
-        missing_s = dt_s * (samples - 1) / samples
-        self._t.append(t_ns)
-        turned, gained = self._in_body(k, a), self._in_body(m, v)
-        self._rows.extend((dt_s, *turned, *gained, missing_s))
+        return self._in_body(k, a), self._in_body(m, v)
 
     def _in_body(self, factor: float, v_s: Vector) -> Vector:
         """A vector in sensor axes, times a factor, in body axes."""
