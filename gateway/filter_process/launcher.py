@@ -49,7 +49,7 @@ def begin() -> Begun:
     ours, theirs = pair()
     with theirs, realtime.ordinary():  # a worker takes its priority when it begins
         process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.filter_process.template", str(theirs.fileno())],
+            [sys.executable, "-m", "gateway.filter_process", str(theirs.fileno())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env=os.environ | ONE_THREAD,

@@ -1,13 +1,12 @@
 """The template process: the filter compiled and idle, of which a worker is forked on demand.
 
-Run as ``python -m gateway.filter_process.template FD``. It and its workers end when the host closes
+Run as ``python -m gateway.filter_process FD``. It and its workers end when the host closes
 their channels, and leave signals to the host, which decides about the whole.
 """
 
 import gc
 import os
 import socket
-import sys
 from contextlib import suppress
 from select import POLLIN, poll, select
 
@@ -47,15 +46,14 @@ def main(fd: int) -> None:
 
 
 def _prepare(control: socket.socket) -> Prepare | None:
-    """Compile all that a worker will need; None if the host is gone already."""
-    if not (data := control.recv(MAX_MESSAGE)):
-        return None
-    orders = read_in_template(data)
-    assert isinstance(orders, Prepare)
+    """Compile all that a worker will need, then hear what it is; None if the host is gone."""
     with told_of_compiling(lambda: control.send(encode(Compiling()))):
-        Estimator(orders.config, orders.rate_hz)
         warm_up()
-    gc.collect()
+        if not (data := control.recv(MAX_MESSAGE)):
+            return None
+        orders = read_in_template(data)
+        assert isinstance(orders, Prepare)
+        Estimator(orders.config, orders.rate_hz)
     gc.freeze()  # a worker's collections would else copy every page
     control.send(encode(Ready()))
     return orders
@@ -101,7 +99,3 @@ def _see_off(children: dict[int, int]) -> None:
     for fd, pid in children.items():
         if select([fd], [], [], END_S)[0]:
             os.waitpid(pid, 0)
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]))

@@ -45,7 +45,7 @@ def seconds(config: Config, cache: str, words: list[type]) -> tuple[float, float
         begun = time.perf_counter()
         with theirs:
             template = subprocess.Popen(
-                [sys.executable, "-m", "gateway.filter_process.template", str(theirs.fileno())],
+                [sys.executable, "-m", "gateway.filter_process", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 env=os.environ | {"NUMBA_CACHE_DIR": cache},
             )
