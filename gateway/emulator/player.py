@@ -16,7 +16,7 @@ from gateway.emulator.instruments import emissions
 from gateway.emulator.ledger import Sent
 from gateway.emulator.pcap import PcapWriter
 from gateway.emulator.ports import Plug, describe
-from gateway.emulator.scenario import Scenario, UdpPort
+from gateway.emulator.scenario import AnyPort, Scenario, UdpPort
 from gateway.emulator.streams import Emission
 from gateway.emulator.trajectory import Trajectory
 from gateway.emulator.truth import TruthWriter
@@ -96,27 +96,30 @@ class _Run:
     def live(self) -> Report:
         """Open every port, then send each frame when its time has come."""
         with ExitStack() as stack:
+            lines: dict[AnyPort, Plug] = {}
             ports: dict[str, Plug] = {}
             for name, model in self.scenario.devices.items():
-                ports[name] = Plug(model.port)
-                stack.callback(ports[name].pull)
+                if model.port not in lines:
+                    lines[model.port] = Plug(model.port)
+                    stack.callback(lines[model.port].pull)
+                ports[name] = lines[model.port]
                 self.say(f"{name}: {model.codec} to {ports[name].where}")
             start_unix, start = self._start()
             emissions = self._emissions(self.scenario, start_unix, _LIVE_BLOCK_S, stack)
             lateness = self._play(emissions, ports, start)
-            for name, port in ports.items():
-                self.sent[name].dropped_bytes = port.dropped_bytes
         return Report(start_unix, self.sent, lateness)
 
     def capture(self, path: Path) -> Report:
         """Write every frame with the time it would have left."""
         scenario = for_capture(self.scenario)
         to: dict[str, tuple[str, int]] = {}
+        lines: dict[AnyPort, int] = {}
         for name, model in scenario.devices.items():
             assert isinstance(model.port, UdpPort)
             to[name] = _ipv4(name, model.port)
+            lines.setdefault(model.port, _SOURCE_PORT + len(lines))
             self.say(f"{name}: {model.codec} to {describe(model.port)} in {path}")
-        source = {name: _SOURCE_PORT + k for k, name in enumerate(to)}
+        source = {name: lines[model.port] for name, model in scenario.devices.items()}
         start_unix = time.time() if scenario.start == "now" else float(scenario.start)
         start_ns = round(start_unix * 1e9)
         with ExitStack() as stack:
@@ -198,7 +201,9 @@ class _Run:
             port.put_in()
             self.say(f"{e.device}: back, to {port.where}")
         elif e.data:
+            before = port.dropped_bytes
             port.send(e.data)
+            self.sent[e.device].dropped_bytes += port.dropped_bytes - before
 
 
 def _sleep_until(due: float, stop: threading.Event) -> bool:

@@ -156,14 +156,18 @@ def gateway_config(scenario: Scenario) -> dict[str, Any]:
 def for_capture(scenario: Scenario) -> Scenario:
     """The same scenario with every device on UDP, as a capture file holds it.
 
-    A device on another kind of port gets the next free UDP port of 127.0.0.1 from 7001 on.
+    What is on another kind of port gets the next free UDP port of 127.0.0.1 from 7001 on.
     """
-    devices = dict(scenario.devices)
-    taken = {m.port.port for m in devices.values() if isinstance(m.port, UdpPort)}
+    ports = {model.port for model in scenario.devices.values()}
+    taken = {port.port for port in ports if isinstance(port, UdpPort)}
     free = (port for port in range(_FIRST_UDP_PORT, 65536) if port not in taken)
-    for name, model in devices.items():
-        if not isinstance(model.port, UdpPort):
-            devices[name] = msgspec.structs.replace(model, port=UdpPort(port=next(free)))
+    lines: dict[AnyPort, UdpPort] = {}
+    devices: dict[str, DeviceModel] = {}
+    for name, model in scenario.devices.items():
+        if not isinstance(model.port, UdpPort) and model.port not in lines:
+            lines[model.port] = UdpPort(port=next(free))
+        port = lines.get(model.port, model.port)
+        devices[name] = msgspec.structs.replace(model, port=port)
     return msgspec.structs.replace(scenario, devices=devices)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from msgspec.structs import replace
 
 from drivers.records import DepthRecord, Record
 from gateway.emulator.aiding.sensing import Aboard, Array
@@ -25,10 +26,13 @@ class DepthSensor:
         h = np.asarray(earth.ecef_to_lla(r_e)[2])
         error = model.offset_m + white
         depths = np.maximum(on.scenario.surface_height_m - h + error, 0.0)
+        told = on.told_unix_s(t) % 86_400.0
+        felt = [
+            DepthRecord(t_rx_ns=0, depth_m=depth_m, t_device_s=told_s)
+            for depth_m, told_s in zip(depths.tolist(), told.tolist(), strict=True)
+        ]
         altitudes = on.altitude_m(h)
-        if altitudes is None:
-            yield from ((DepthRecord(t_rx_ns=0, depth_m=d),) for d in depths.tolist())
-            return
-        above = np.maximum(altitudes + error, 0.0)
-        for depth_m, altitude_m in zip(depths.tolist(), above.tolist(), strict=True):
-            yield (DepthRecord(t_rx_ns=0, depth_m=depth_m, altitude_m=altitude_m),)
+        if altitudes is not None:
+            above = np.maximum(altitudes + error, 0.0).tolist()
+            felt = [replace(r, altitude_m=a) for r, a in zip(felt, above, strict=True)]
+        yield from ((record,) for record in felt)
