@@ -72,6 +72,10 @@ def of_report(report: HealthReport) -> Iterator[Alarm]:
     yield from _of_solution(report)
     for name, device in report.devices.items():
         yield from _of_device(name, device)
+    for doubt in report.doubts:
+        is_imu = doubt.of in report.devices and report.devices[doubt.of].kind == "imu"
+        severity = Severity.ALARM if is_imu else Severity.WARNING
+        yield Alarm(severity, "doubtful", doubt.of, doubt.text)
     for output in report.outputs:
         if not output.up:
             yield Alarm(Severity.WARNING, "output down", output.name, output.error or "is down")

@@ -204,6 +204,7 @@ class _Daemon:
                     feed.target(target, nav)
             self._health.solved(nav)
         elif isinstance(output, Innovation):
+            self._health.plausibility.verdict(output)
             innovation = innovation_report(output, offset_ns)
             for feed in self._feeds:
                 feed.innovation(innovation)

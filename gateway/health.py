@@ -18,6 +18,7 @@ from gateway.modes import Mode
 from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
+from gateway.plausible import Doubt, Plausibility
 from gateway.realtime import RealtimeStatus
 from gateway.statefile import Keeper, KeeperStatus
 
@@ -111,6 +112,7 @@ class HealthReport(msgspec.Struct, frozen=True):
     latency: list[StageReport]
     realtime: RealtimeStatus
     state_file: KeeperStatus | None
+    doubts: list[Doubt] = []
 
 
 @dataclass
@@ -291,6 +293,7 @@ class Health:
         self._stages = Stages()
         self._losses = Losses()
         self.passage = Passage(self._stages)
+        self.plausibility = Plausibility([line.intake for line in lines])
         self.totals: FilterCounts | None = None
         self.realtime = RealtimeStatus()
 
@@ -321,6 +324,7 @@ class Health:
         for line in self._lines:
             line.watch(now)
             self._losses.watch(f"{line.name}: the system's buffer", line.link.kernel_dropped, now)
+        self.plausibility.look(now)
         self._losses.watch("filter: the queue", self._host.status.dropped, now)
         if self._nav is not None and now - self._solved_at > FLOWING_S:
             _log.warning("navigation: no solution for %.0f s", now - self._solved_at)
@@ -342,6 +346,7 @@ class Health:
             latency=self._stages.report(),
             realtime=self.realtime,
             state_file=None if self._keeper is None else self._keeper.status,
+            doubts=self.plausibility.doubts,
         )
 
     def line(self) -> str:

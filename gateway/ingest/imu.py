@@ -11,6 +11,7 @@ from drivers.records import ImuRecord, Record, Rejected
 from gateway.clock import NEVER, ClockMemory, ClockReport, DeviceClock, Source, Tick
 from gateway.config import ImuDevice, wire_format
 from gateway.ingest.device import DeviceIngest
+from gateway.ingest.felt import Felt
 from gateway.ingest.uncounted import Bridge, Frames, in_doubt_s
 from gateway.messages import ImuBlock, Measurement
 from gateway.nav.attitude import C_from_euler
@@ -31,10 +32,20 @@ OVERDUE_S = 5.0
 
 
 class ImuIngest(DeviceIngest):
-    """IMU records to increments in body axes."""
+    """IMU records to increments in body axes.
+
+    Attributes
+    ----------
+    rate_hz
+        As declared.
+    felt
+        What it felt since that was last looked at.
+    """
 
     def __init__(self, device: ImuDevice) -> None:
         super().__init__(device)
+        self.rate_hz = device.rate_hz
+        self.felt = Felt()
         self._period_s = 1.0 / device.rate_hz
         self._counting = wire_format(device)[0].counting
         C_bs = C_from_euler(*np.radians(device.mounting_deg)).tolist()
@@ -95,6 +106,7 @@ class ImuIngest(DeviceIngest):
             return []
         block = ImuBlock(self._t.tobytes(), self._rows.tobytes())
         self.counts.measurements += len(self._t)
+        self.felt.add(self._rows)
         self._t, self._rows = array("q"), array("d")
         return [block]
 

@@ -91,14 +91,16 @@ def watch(place: ZenohOutput, vehicle: str, once: bool) -> None:
 
 
 def _once(listener: Listener, console: Console) -> RenderableType:
-    """The first screen that has a status and, if one comes, a second for the rates."""
+    """The first screen that has a status and a solution, or what there is of it after a while."""
     end = time.monotonic() + FIRST_S
     while time.monotonic() < end:
         shown = next(iter(listener.heard.values()), None)
         if shown is not None and shown.status is not None and shown.nav is not None:
-            time.sleep(2.2)  # two reports make a rate
-            return _present(listener, max(console.width, SMALLEST[0]), SMALLEST[1])
+            break
         time.sleep(REFRESH_S)
+    if listener.heard:
+        time.sleep(2.2)  # two reports make a rate
+        return _present(listener, max(console.width, SMALLEST[0]), SMALLEST[1])
     raise UsblnavError(listener.trouble or "no gateway is heard")
 
 

@@ -1,0 +1,162 @@
+"""What devices say that cannot be right: said once, shown while it lasts, trusted again."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from drivers.records import ImuRecord
+from gateway.config import Config
+from gateway.emulator import twin
+from gateway.ingest import Intake, intakes
+from gateway.messages import Innovation
+from gateway.plausible import DOUBTED_AFTER, FIXES, TRUSTED_AFTER, WINDOW_S, Doubt, Plausibility
+from gateway.schema import build
+from tests.gateway.emulated import demo_data, make
+
+UP = (0.0, 0.0, -9.81)
+STILL = (0.0, 0.0, 0.0)
+
+
+class Sea:
+    """Lines of the demo's configuration and a clock that the test moves."""
+
+    def __init__(self) -> None:
+        config = build(Config, twin.gateway_config(make(demo_data())), [])
+        assert config is not None
+        self.ways = intakes(config)
+        self.now = 1000.0
+        self.sequence = 0
+        self.plausibility = Plausibility([self.imu, self.usbl])
+        self.plausibility.look(self.now)
+
+    @property
+    def imu(self) -> Intake:
+        return self.ways["imu0"]
+
+    @property
+    def usbl(self) -> Intake:
+        return self.ways["usbl0"]
+
+    def feel(
+        self,
+        windows: int,
+        force: tuple[float, float, float] = UP,
+        turn: tuple[float, float, float] = STILL,
+        rate_hz: float = 200.0,
+    ) -> None:
+        """Let the unit, which is declared at 200 Hz, feel something for some windows."""
+        ingest = self.imu.ingests["imu0"]
+        for _ in range(windows):
+            count = round(WINDOW_S * rate_hz)
+            for n in range(count):
+                t_ns = round((self.now + (n + 1) * WINDOW_S / count) * 1e9)
+                ingest.take(
+                    ImuRecord(
+                        t_rx_ns=t_ns,
+                        sequence=self.sequence,
+                        rate_rad_s=turn,
+                        specific_force_m_s2=force,
+                    )
+                )
+                ingest.end_of_chunk()
+                self.sequence = (self.sequence + 1) % 128
+            self.imu.flush()
+            self.look()
+
+    def look(self) -> list[Doubt]:
+        """Let a window pass."""
+        self.now += WINDOW_S
+        self.plausibility.look(self.now)
+        return self.plausibility.doubts
+
+    def judged(self, used: int, refused: int, reason: str = "gate", beacon: str = "1") -> None:
+        """Let the filter say what it made of fixes."""
+        for accepted in [True] * used + [False] * refused:
+            why = "" if accepted else reason
+            verdict = Innovation(0, "usbl0", beacon, (), math.nan, accepted, why)
+            self.plausibility.verdict(verdict)
+
+
+@pytest.fixture
+def sea() -> Sea:
+    return Sea()
+
+
+def test_a_healthy_vehicle_is_not_doubted(sea: Sea, said: Callable[[], list[str]]) -> None:
+    tilted = (9.81 * math.sin(0.7), 0.0, -9.81 * math.cos(0.7))
+    sea.feel(3, turn=(0.0, 0.0, 0.5))
+    sea.feel(3, force=tilted, rate_hz=190.0)
+    sea.judged(used=300, refused=60)
+    assert sea.look() == []
+    assert said() == []
+
+
+@pytest.mark.parametrize(
+    ("felt", "text"),
+    [
+        (
+            {"force": (0.0, 0.0, 9.81)},
+            "by gravity the sky is down of the vehicle's axes: its mounting_deg?",
+        ),
+        (
+            {"force": (0.0, -9.81, 0.3)},
+            "by gravity the sky is port of the vehicle's axes: its mounting_deg?",
+        ),
+        (
+            {"force": (0.0, 0.0, -1.0)},
+            "feels 1 m/s2 where gravity is 9.8: the unit of its accelerometers (options)?",
+        ),
+        (
+            {"turn": (0.0, 0.0, 2.0)},
+            "turns by 115 deg a second all the time: the unit of its gyros (options)?",
+        ),
+        ({"rate_hz": 100.0}, "100 samples a second, rate_hz says 200"),
+    ],
+)
+def test_what_an_inertial_unit_cannot_feel(
+    sea: Sea, said: Callable[[], list[str]], felt: dict[str, Any], text: str
+) -> None:
+    sea.feel(DOUBTED_AFTER - 1, **felt)
+    assert said() == []
+    sea.feel(4, **felt)
+    assert said() == [f"imu0: {text}"]
+    assert sea.plausibility.doubts == [Doubt("imu0", text)]
+    sea.feel(TRUSTED_AFTER - 1)
+    assert said() == []
+    sea.feel(1)
+    (again,) = said()
+    assert again.endswith("is as it should be again")
+    assert sea.plausibility.doubts == []
+
+
+def test_bytes_that_are_of_another_format(sea: Sea, said: Callable[[], list[str]]) -> None:
+    for _ in range(3):
+        sea.usbl.feed(b"$PHTRO,1.1,M,2.2,B*55\r\n" * 10, 1)
+        sea.look()
+    text = "230 of 230 bytes make no frame of tracklink-lxt: its codec, options or baud rate?"
+    assert said() == [f"usbl0: {text}"]
+    for _ in range(20):  # silence says nothing of the format
+        assert sea.look() == [Doubt("usbl0", text)]
+
+
+def test_fixes_that_mostly_do_not_fit(sea: Sea, said: Callable[[], list[str]]) -> None:
+    sea.judged(used=2, refused=FIXES)
+    sea.look()
+    sea.judged(used=1, refused=FIXES)
+    sea.look()
+    assert said() == [
+        f"usbl0: {FIXES} of {FIXES + 1} fixes do not fit: beacon's place, mounting, latency?"
+    ]
+
+
+def test_a_beacon_that_the_configuration_does_not_know(
+    sea: Sea, said: Callable[[], list[str]]
+) -> None:
+    for used in (1, 1, 1, 0, 0):
+        sea.judged(used=used, refused=0)
+        sea.judged(used=0, refused=5, reason="unknown_beacon", beacon="7")
+        assert said() == []
+        sea.look()
+    assert said() == ['usbl0: hears beacon "7", of which the configuration does not know']
