@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 LOCK_OUT = 8
 """Fixes refused in a row after which the filter doubts itself, not the fixes."""
+LOCK_OUT_S, RARE = 30.0, 4
+"""And as many of them if nothing that locates was used for so long: where fixes come rarely."""
 VELOCITY_LOCK_OUT_S = 30.0
 """The same for a device's velocities, as long as nothing that locates is used meanwhile."""
 GROWN = 3.0
@@ -303,10 +305,17 @@ class Filter:
         if isinstance(fix, BottomVelocity | VelocityFix):
             self._doubt_velocity(fix, float(np.linalg.norm(z.residual)))
         memory.refused_in_a_row += fix.locates
+        if memory.refused_in_a_row >= RARE and self._unused_s(fix) > LOCK_OUT_S:
+            memory.refused_in_a_row = max(memory.refused_in_a_row, LOCK_OUT + 1)
         if fix.locates and memory.refused_in_a_row > LOCK_OUT:
             for part, share in JUMP:
                 block = memory.state.P[part, part]
                 block += share * np.trace(block) / 3.0 * np.eye(3)
+
+    def _unused_s(self, fix: Fix) -> float:
+        """How long nothing was used that locates; 0 where nothing ever was."""
+        used_ns = self.memory.t_used_ns
+        return 0.0 if used_ns is None else (fix.t_ns - used_ns) * 1e-9
 
     def _trust_velocity(self, fix: Fix) -> bool:
         """Count a used velocity towards the end of its lock-out; whether it was one."""

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.fusion import initial
-from gateway.fusion.filter import FREED, LOCK_OUT, Filter, Memory
+from gateway.fusion.filter import FREED, LOCK_OUT, RARE, Filter, Memory
 from gateway.fusion.report import solution
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.modes import Mode
@@ -160,6 +160,20 @@ def test_a_locked_out_filter_frees_itself(east_m):
     assert np.linalg.norm(filter_.memory.state.v_eb_e - truth.v_eb_e) < 0.2
     assert sum(v.accepted for v in verdicts[20:]) >= 13
     assert filter_.memory.refused_in_a_row <= 2
+
+
+def test_where_fixes_come_rarely_fewer_refusals_free_it():
+    """One in ten seconds: half a minute after the last that was used, not a minute and a half."""
+    trip, filter_, timeline = at_the_truth(sigma=(1e-3, 0.1, 0.3))
+    every = round(10.0 / float(np.diff([f.t_ns for f in trip.fixes[:2]])[0] * 1e-9))
+    assert offer(trip, timeline, 0).accepted
+    here = earth.C_en(np.radians(39.8), np.radians(116.2))
+    filter_.memory.state.r_e[:] += here @ [0.0, 50.0, 0.0]
+    verdicts = [offer(trip, timeline, k) for k in range(every, 7 * every, every)]
+    first = [v.accepted for v in verdicts].index(True)
+    assert RARE <= first < LOCK_OUT - 2
+    t_s = (timeline.t_head_ns - trip.t_ns[0]) * 1e-9 + trip.t_imu[0]
+    assert np.linalg.norm(filter_.memory.state.r_e - trip.state(t_s).r_e) < 10.0
 
 
 def test_a_wrong_velocity_locks_out_for_good_no_more():
