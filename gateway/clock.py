@@ -350,7 +350,7 @@ class DeviceClock:
 
 
 def aged(memory: ClockMemory, now_ns: int | None) -> ClockMemory:
-    """What is left of a clock after a time in which nobody listened.  # (M.177)
+    """What is left of a clock after a time in which nobody listened.  # (M.179)
 
     The drift always; the offset while that time is short and the count does not turn over quickly:
     the first arrivals then show whether it still holds, one late stretch being enough.
