@@ -61,6 +61,13 @@ def test_a_missing_reply_is_named_when_the_time_is_over(codec: str, code: str) -
         assert (t - 0.5 - 2.5) % 1.0 == pytest.approx(0.0, abs=1e-9)  # pings are at whole seconds
 
 
+def test_who_is_not_waited_for_is_not_heard() -> None:
+    common = {"codec": "seatrac", "options": {}, "no_reply": "no_reply"}
+    told = said(scenario_of(**common, timeout_s=0.01))
+    assert len(told) == pytest.approx(60, abs=3)
+    assert not any(record.valid for _, record in told)
+
+
 def test_where_there_is_no_fix_rates_go_on() -> None:
     options = {"velocity_positive": "opening"}
     device = {"codec": "evologics", "options": options, "age_ms": 300.0}

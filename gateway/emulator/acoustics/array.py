@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gateway.emulator.acoustics.timing import timeout_s
 from gateway.emulator.acoustics.water import Ear, Mask, Ways, moorings, slope
 from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import Scenario, UsblModel
@@ -123,7 +124,8 @@ class Listening:
         slant_range = scenario.sound_speed_m_s * ways.one_way * (1.0 + array.errors.range_scale)
         slant_range += noise.slant_range
         near = (slant_range > 0.0) & (slant_range < self._model.max_range_m)
-        heard = noise.heard & ways.answered & near
+        soon = ways.t_rx - t_ping <= timeout_s(self._model, scenario.sound_speed_m_s)
+        heard = noise.heard & ways.answered & near & soon
 
         arrivals = np.where(
             noise.outlier[:, None], array.echo(bearing, elevation), array.arrivals(ways)

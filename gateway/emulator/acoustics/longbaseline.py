@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.records import LblRecord, LblReply
-from gateway.emulator.acoustics.sentences import sentence_writer, timeout_s
-from gateway.emulator.acoustics.timing import latencies, shown
+from gateway.emulator.acoustics.sentences import sentence_writer
+from gateway.emulator.acoustics.timing import latencies, shown, timeout_s
 from gateway.emulator.acoustics.water import Ear, Mask, moorings
 from gateway.emulator.faults.sound import astray
 from gateway.emulator.scenario import LblModel, Scenario

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers import registry
 from drivers.records import Record, TimeDifference, UsblRecord
 from gateway.emulator.acoustics.array import Fixes, Listening, acoustic_errors
-from gateway.emulator.acoustics.timing import latencies, shown
+from gateway.emulator.acoustics.timing import latencies, shown, timeout_s
 from gateway.emulator.acoustics.topside import Sightings, sightings
 from gateway.emulator.scenario import LblModel, Message, Scenario, UsblModel, codec_options
 from gateway.emulator.streams import Draws, Emission
@@ -85,11 +85,6 @@ def sentence_writer(model: UsblModel | LblModel) -> Callable[[Record], bytes]:
     """The device's ``encode`` with its options bound."""
     codec, options = registry.lookup(model.codec), codec_options(model)
     return lambda record: codec.encode(record, options)
-
-
-def timeout_s(model: UsblModel | LblModel, sound_speed: float) -> float:
-    """How long a reply is waited for."""
-    return model.timeout_s or 2.0 * model.max_range_m / sound_speed
 
 
 class Heard:

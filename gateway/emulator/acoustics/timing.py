@@ -32,3 +32,8 @@ def latencies(draws: Draws, model: UsblModel | LblModel, n: int, error_s: float)
     jitter = draws("jitter").standard_exponential(n)
     late: Array = 1e-3 * (model.clock.latency_ms + model.jitter_ms * jitter) + error_s
     return np.maximum(late, 0.0)
+
+
+def timeout_s(model: UsblModel | LblModel, sound_speed: float) -> float:
+    """How long a reply is waited for."""
+    return model.timeout_s or 2.0 * model.max_range_m / sound_speed
