@@ -126,15 +126,14 @@ def test_who_does_not_answer_is_not_in_it_and_the_sentence_comes_after_the_time_
 def test_a_reply_after_the_time_is_over_is_not_heard() -> None:
     patient, _ = read(scenario_of(interrogator(timeout_s=10.0)))
     hurried, _ = read(scenario_of(interrogator(timeout_s=0.85)))
-    answers = dict.fromkeys(BEACONS, 0)
+    answers = 0
     for all_four, told in zip(patient, hurried, strict=True):
         heard = {reply.beacon for reply in told.replies}
         for reply in all_four.replies:
             turnaround_s = 1e-3 * BEACONS[reply.beacon].get("turnaround_ms", 0.0)
             assert (reply.beacon in heard) == (2.0 * reply.one_way_s + turnaround_s <= 0.85)
-            answers[reply.beacon] += reply.beacon in heard
-    assert answers["C"] == len(patient)
-    assert 0 < sum(answers.values()) < 3 * len(patient)
+        answers += len(heard)
+    assert 0 < answers < 4 * len(patient)
 
 
 def test_one_beacon_a_ping_and_the_rate_of_one() -> None:
