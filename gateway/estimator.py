@@ -6,11 +6,12 @@ a replay gives what the live run gave.
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.checkpoint import Totals, checkpoint
 from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.filter import MISSING, Filter, Memory
@@ -38,16 +39,6 @@ from gateway.order import OrderCounts, Refusal
 from gateway.timeline import MAX_WAITING, Timeline, start_ns
 
 CALIBRATION_PERIOD_NS = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class _Totals:
-    """What stands beside a note of the timeline in a checkpoint."""
-
-    note: Note
-    received: int
-    said: int
-    imu_samples: int
 
 
 class Estimator:
@@ -158,7 +149,7 @@ class Estimator:
             after=after,
         )
         self._timeline.counts = self._counts
-        self._noted: deque[_Totals] = deque()
+        self._noted: deque[Totals] = deque()
 
     def _go_on(self, at: Checkpoint) -> None:
         """Take over from an earlier process."""
@@ -166,11 +157,18 @@ class Estimator:
         self._samples, self._resets = at.imu_samples, at.resets
         self._t_last_ns = self._taken_ns = at.t_ns
         self._second = at.t_ns // CALIBRATION_PERIOD_NS
-        memory = replace(memory_of(at.state), origin_e=np.array(at.origin_e))
-        self._sound = memory.state.copy()
-        known = tuple((fix.t_ns, _key(fix), fix) for fix in at.fixes)
         counts = at.fixes_late, at.fixes_too_late, at.fixes_too_early, at.fixes_duplicate
         self._counts = OrderCounts(*counts)
+        memory = memory_of(at.state)
+        self._sound = memory.state.copy()
+        if at.aligning is not None:
+            prior = memory.state.copy() if at.aligning.again else None
+            self._start = Start(self._config, prior)
+            self._start.go_on(at.aligning, at.fixes)
+            self._begin(memory)
+            return
+        memory.origin_e = np.array(at.origin_e)
+        known = tuple((fix.t_ns, _key(fix), fix) for fix in at.fixes)
         past = {t_ns: np.frombuffer(row).copy() for t_ns, row in at.past.items()}
         self._begin(memory, Note(at.consumed, at.t_ns, at.began_ns, known, self._counts, past=past))
 
@@ -309,6 +307,7 @@ class Estimator:
             yield self._solution(self._start.waiting(t_ns), t_ns, Mode.ALIGNING, None)
             if self._is_new_second(t_ns):
                 yield self.counts()
+                yield from self._checkpoint_of(self._start, t_ns)
             return
         memory = self._filter.memory
         if not memory.state.is_sound():
@@ -335,33 +334,25 @@ class Estimator:
         The block in hand does not count as received: it may go on beyond this sample.
         """
         note = self._timeline.note()
-        self._noted.append(_Totals(note, self._received, self._said, self._samples))
+        self._noted.append(Totals(note, self._received, self._said, self._samples))
         settled = self._timeline.settled()
         if settled is None:
             return
         while self._noted[0].note is not settled:
             self._noted.popleft()
-        yield self._checkpoint(self._noted.popleft())
+        at = self._noted.popleft()
+        yield checkpoint(at, tuple(self._filter.origin_e.tolist()), self._resets)
 
-    def _checkpoint(self, at: _Totals) -> Checkpoint:
-        """What a new process needs to go on from a settled note."""
-        note = at.note
-        return Checkpoint(
-            state=saved(note.state, note.t_ns),
-            received=at.received,
-            said=at.said + note.told,
-            began_ns=note.began_ns,
-            origin_e=tuple(self._filter.origin_e.tolist()),
-            fixes=tuple(fix for _, _, fix in note.known),
-            past={t_ns: row.tobytes() for t_ns, row in note.past.items()},
-            consumed=note.count,
-            imu_samples=at.imu_samples,
-            fixes_late=note.order.late,
-            fixes_too_late=note.order.too_late,
-            fixes_too_early=note.order.too_early,
-            fixes_duplicate=note.order.duplicate,
-            resets=self._resets,
-        )
+    def _checkpoint_of(self, start: Start, t_ns: int) -> Iterator[Checkpoint]:
+        """Give the present of an alignment, where that is little; its end has no other past."""
+        aligning = start.memory
+        if aligning is None:
+            return
+        known = tuple((fix.t_ns, _key(fix), fix) for fix in start.fixes)
+        order = replace(self._counts)
+        note = Note(0, t_ns, 0, known, order, state=self._filter.memory)
+        at = Totals(note, self._received, self._said, self._samples)
+        yield checkpoint(at, (0.0, 0.0, 0.0), self._resets, aligning)
 
     def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
         """The solution with the filter's totals."""

@@ -282,6 +282,17 @@ class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     velocity_refused: dict[str, tuple[int, float, int]] = {}
 
 
+class Aligning(msgspec.Struct, frozen=True, array_like=True):
+    """An alignment under way: when it began, and the samples of the window in hand.
+
+    With ``again`` the state was taken up again, and is all that is known but for the attitude.
+    """
+
+    again: bool
+    t_first_ns: int
+    samples: ImuBlock
+
+
 class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint"):
     """A moment of the past from which a new process says what the old one says, bit for bit.
 
@@ -292,7 +303,8 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     ``state`` holds all measurements up to its time that ever came, later ones too. ``fixes`` are
     those that had come by then: their repetition is told, those that lie ahead still wait.
     ``past`` is the (12,) float64 track before the state's time, by time in ns, as far as fixes
-    after it ask for it. The rest are the totals of then.
+    after it ask for it. The rest are the totals of then. While ``aligning``, ``fixes`` wait for
+    the attitude, and there is no past.
     """
 
     state: SavedState
@@ -310,6 +322,7 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     fixes_too_early: int
     fixes_duplicate: int
     resets: int
+    aligning: Aligning | None = None
 
     @property
     def t_ns(self) -> int:

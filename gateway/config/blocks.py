@@ -272,6 +272,11 @@ class Align(_Block, frozen=True):
     crab_deg: NonNegative = 5.0
     """1-sigma of the angle between bow and course, which current and wind make."""
 
+    @property
+    def window_s(self) -> float:
+        """How long the samples are that it is found from."""
+        return self.gyrocompass_s if self.heading == "gyrocompass" else self.level_s
+
 
 class Initial(_Block, frozen=True, kw_only=True):
     """Where the first solution comes from; the attitude may be left to `align`."""

@@ -196,8 +196,13 @@ class FilterHost:
 
 
 def most_kept(config: Config) -> int:
-    """How many inputs may wait for a next worker: those since the oldest moment of a checkpoint."""
+    """How many inputs may wait for a next worker: those since the oldest moment of a checkpoint.
+
+    An alignment has one at the beginning of each window; that of an hour keeps an hour.
+    """
     past_s = config.filter.history_s + LOOK_BACK_S + MARGIN_S
+    if config.initial.align is not None:
+        past_s += config.initial.align.window_s
     return math.ceil(past_s * (config.imu[1].rate_hz + OTHERS_HZ))
 
 

@@ -5,7 +5,7 @@ those of the first samples, and the fixes heard meanwhile count in their places.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,16 @@ from gateway.fusion.initial import (
 from gateway.fusion.restart import forget
 from gateway.fusion.sighting_heading import agreed, seen_heading
 from gateway.fusion.state import ATT, BA, BG, VEL, State
-from gateway.messages import Component, Fix, Innovation, VelocityFix
+from gateway.messages import Aligning, Component, Fix, ImuBlock, Innovation, VelocityFix
 from gateway.nav import strapdown as sd
 from gateway.nav.attitude import euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
+
+MOST_SAMPLES, MOST_FIXES = 2400, 500
+"""What a new process is told at most of an alignment under way."""
 
 _BIASES = slice(9, 15)
 
@@ -70,13 +73,30 @@ class Start:
         self._heading, self._heading_sd = (math.radians(a[2]) for a in attitude_deg(config.initial))
         if not self._heading_is_known:
             self._heading, self._heading_sd = 0.0, math.radians(ANY_HEADING_SD_DEG)
-        compass = self._choice.heading == "gyrocompass"
-        self._span_ns = round(
-            1e9 * (self._choice.gyrocompass_s if compass else self._choice.level_s)
-        )
+        self._span_ns = round(1e9 * self._choice.window_s)
         self._t: list[Times] = []
         self._rows: list[Array] = []
         self._t_first_ns: int | None = None
+        self._again = prior is not None
+
+    @property
+    def memory(self) -> Aligning | None:
+        """What a new process goes on from; None while that is too much to be told.
+
+        It is little each time a window has just begun.
+        """
+        held = sum(map(len, self._t))
+        if self._t_first_ns is None or held > MOST_SAMPLES or len(self.fixes) > MOST_FIXES:
+            return None
+        t_ns, rows = (b"".join(part.tobytes() for part in kept) for kept in (self._t, self._rows))
+        return Aligning(self._again, self._t_first_ns, ImuBlock(t_ns, rows))
+
+    def go_on(self, at: Aligning, fixes: Iterable[Fix]) -> None:
+        """Take over from an earlier process."""
+        self._t_first_ns, self.fixes = at.t_first_ns, list(fixes)
+        if at.samples.t_ns:
+            self._t = [np.frombuffer(at.samples.t_ns, dtype=np.int64)]
+            self._rows = [np.frombuffer(at.samples.rows).reshape(-1, 8)]
 
     def take(self, t_ns: Times, rows: Array) -> Iterator[Innovation]:
         """Take samples; give a verdict on each window they complete, until one is good."""

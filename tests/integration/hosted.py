@@ -41,13 +41,21 @@ def recorded(
     imu_hz: float = 200.0,
     history_s: float = 1.0,
     rate_hz: float = RATE_HZ,
+    level_s: float | None = None,
 ) -> Input:
-    """A recording of the brisk scenario, and what an estimator makes of it."""
+    """A recording of the brisk scenario, and what an estimator makes of it.
+
+    With `level_s` that has to find roll and pitch first.
+    """
     data = brisk(folder) | {"duration_s": duration_s, "start": START}
     data["devices"]["imu0"]["rate_hz"] = imu_hz
     scenario = twin.for_capture(make(data))
     emulate(scenario, pcap=folder / "frames.pcap", say=lambda _line: None)
     settings = twin.gateway_config(scenario) | {"filter": {"history_s": history_s}}
+    if level_s is not None:
+        settings["initial"] |= {"align": {"heading": "config", "level_s": level_s}}
+        settings["initial"]["attitude_deg"][:2] = [0.0, 0.0]
+        settings["initial"]["sigma"]["attitude_deg"][:2] = [0.0, 0.0]
     config = build(Config, settings, [])
     assert config is not None
     ways_in = intakes(config)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from gateway.messages import FilterCounts
+from gateway.modes import Mode
 from tests.integration.hosted import Hosted, Input, answers, encoded, hosted, recorded
 from tests.integration.rig import Rig, brisk
 
@@ -94,6 +95,19 @@ async def test_twenty_kills_at_random_moments_under_load(tmp_path: Path, imu_hz:
         print(f"{seconds * death.at / n:8.2f} {death.kept:8d} {took_s * 1e3:8.1f}")
     assert_as_if_nothing_had_died(running, given)
     assert max(back_s(running, deaths)) < 5.0
+
+
+@pytest.mark.slow
+async def test_kills_during_a_long_alignment(tmp_path: Path) -> None:
+    """``pytest -m slow -k alignment tests/integration``: no input of a minute is forgotten."""
+    given = recorded(tmp_path, duration_s=90.0, rate_hz=50.0, level_s=60.0)
+    n = len(given.measurements)
+    kills = {n // 3, 3 * n // 5, 2 * n // 3, 5 * n // 6}
+    running, deaths = await survive(given, kills, 15.0)
+    assert_as_if_nothing_had_died(running, given)
+    solved = [nav for nav in running.navs() if nav.mode is not Mode.ALIGNING]
+    assert (solved[0].t_ns - running.navs()[0].t_ns) * 1e-9 == pytest.approx(60.0, abs=0.5)
+    assert deaths[2].kept > 40.0 * given.config.imu[1].rate_hz
 
 
 async def test_a_killed_daemon_goes_on_from_its_state_file(tmp_path: Path) -> None:
