@@ -44,3 +44,4 @@ def _use_a_fix(state: State) -> None:
         assert z is not None
         for error in FAMILY.values():
             update(state.copy(), z, error, state.r_e.copy())
+            error.to_additive(state, state.r_e.copy())
