@@ -68,6 +68,8 @@ class UsblFix(_Heard, frozen=True, tag="usbl"):
     axes: Literal["array", "level", "north"] = "array"
     horizontal: bool = False
     """Whether only its north and east were told, and down by the chart."""
+    t_sd_s: float = 0.0
+    """1-sigma of its time, where something may have held it up."""
 
 
 class BeaconPlace(_Heard, frozen=True, tag="place"):

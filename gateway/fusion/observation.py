@@ -262,7 +262,9 @@ def _sighting(
     """A fix as measured."""
     rows = (fix.elevation, fix.bearing, fix.slant_range)
     measured = np.array([np.nan if v is None else v for v in rows])
-    return usbl.Sighting(measured, array.sigma, beacon.r_e, transmit, fix.axes, array.sensor_sd)
+    return usbl.Sighting(
+        measured, array.sigma, beacon.r_e, transmit, fix.axes, array.sensor_sd, fix.t_sd_s
+    )
 
 
 def _sighted(

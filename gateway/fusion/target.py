@@ -49,7 +49,7 @@ def sighting(model: Model, state: State, fix: UsblFix, track: Track) -> TargetSi
         return None
     sent = departure(model, target, fix.t_ns, None, fix.slant_range, track)
     measured = np.array([fix.elevation, fix.bearing, fix.slant_range])
-    told = Sighting(measured, array.sigma, np.zeros(3), sent, fix.axes, array.sensor_sd)
+    told = Sighting(measured, array.sigma, np.zeros(3), sent, fix.axes, array.sensor_sd, fix.t_sd_s)
     found = _place(state, array.geometry, told)
     if found is None:
         return None

@@ -19,6 +19,7 @@ from gateway.fusion.state import (
     ATT,
     DALPHA,
     DBETA,
+    LATENCY,
     LEVER,
     N_FULL,
     POS,
@@ -67,6 +68,8 @@ class Sighting:
     """What elevation and bearing refer to."""
     sensor_sd: tuple[float, float] = (0.0, 0.0)
     """1-sigma (rad) of level and heading of the motion sensor that has turned them."""
+    t_sd_s: float = 0.0
+    """1-sigma (s) of its time."""
 
     def sensor_variance(self) -> Array:
         """(3,) rad^2: by how much the axes are wrong about their own x, y, z."""
@@ -145,11 +148,13 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
         return None
     residual = h - measured
     residual[BEARING] = (residual[BEARING] + math.pi) % math.tau - math.pi
+    moved = sight.t_sd_s * H[:, LATENCY]
     H = np.ascontiguousarray(H[rows][:, state.columns])
     names = tuple(ROW_NAMES[i] for i in rows)
     R = np.diag(sight.sigma**2)
     if sight.axes != "array":
         R[:2, :2] = _told_noise(A, axes.C_eu.T @ axes.C_ea, np.array(r_a), sight)
+    R += np.outer(moved, moved)  # (M.179)
     return Linearised(residual[rows], H, R[np.ix_(rows, rows)], names)
 
 

@@ -12,6 +12,8 @@ from gateway.clock import ClockMemory, ClockReport, DeviceClock
 from gateway.config import Device
 from gateway.pulse import DAY_MS, PulsedClock
 
+NO_PAUSE_NS = 20_000_000
+"""Bytes that follow within this follow at once, as far as stamps can tell."""
 UNORDERED_S = 1.0
 """How far behind the newest the time of a sentence may be, for not all are sent in their order."""
 
@@ -44,6 +46,7 @@ class DeviceIngest:
         told = DeviceClock(1e-3, DAY_MS, UNORDERED_S)
         self._day = PulsedClock(told) if self._wants_device_time else None
         self._untimed = 0
+        self._garbled_ns = self._garbled_until_ns = 0
 
     def end_of_chunk(self) -> None:
         """Nothing more came with the records taken so far."""
@@ -73,9 +76,24 @@ class DeviceIngest:
         if isinstance(record, Rejected):
             self.counts.rejected[record.reason] += 1
             self.counts.rejected_bytes += len(record.data)
+            self._note_garbled(record)
             return False
         self.counts.records += 1
         return True
+
+    def _note_garbled(self, record: Rejected) -> None:
+        """Note since when a line carries without a pause what no instrument says."""
+        begins_ns = record.t_rx_ns - round(record.line_bytes * self._byte_ns)
+        if begins_ns > self._garbled_until_ns + NO_PAUSE_NS:
+            self._garbled_ns = begins_ns
+        self._garbled_until_ns = begins_ns + round(len(record.data) * self._byte_ns)
+
+    def _held_up_s(self, record: Measured) -> float:
+        """How long what stood on the line right before it may have held up a record at most."""
+        begins_ns = record.t_rx_ns - round(record.line_bytes * self._byte_ns)
+        if not self._byte_ns or begins_ns > self._garbled_until_ns + NO_PAUSE_NS:
+            return 0.0
+        return max(0.0, (begins_ns - self._garbled_ns) * 1e-9)
 
     def _left_instrument_ns(self, record: Measured) -> int:
         """When the frame's first byte left, less the age the record tells and the latency."""

@@ -95,7 +95,9 @@ class UsblIngest(DeviceIngest):
         if slant_range is not None and not in_range(slant_range, *self._limits):
             return "range"
         axes = "array" if self._by_differences else record.axes
-        return UsblFix(t_ns, self._name, record.beacon, *angles, slant_range, axes)
+        timed = self._wants_device_time and record.t_device_s is not None
+        t_sd_s = 0.0 if timed else self._held_up_s(record)
+        return UsblFix(t_ns, self._name, record.beacon, *angles, slant_range, axes, t_sd_s=t_sd_s)
 
     def _angles(self, record: UsblRecord) -> Angles | str:
         """Elevation and bearing, or why there are none; of differences they are the array's own."""

@@ -4,13 +4,13 @@ The moment the ping left is a function of the state at the reply: a velocity err
 the age of the ping moves the array by age * dv, an attitude error turns both lever arms alike.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gateway.fusion import usbl
+from gateway.fusion import loose, usbl
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.ranging import Past
 from gateway.fusion.state import ATT, BG, DALPHA, DBETA, DKD, N_FULL, THETA, State
@@ -65,6 +65,30 @@ def case(seed, *, two_way, range_m=120.0, lever=LEVER):
     measured = rng.normal(0.0, 0.3, 3)  # near zero: residuals stay off the cut of the angle
     sight = usbl.Sighting(measured, SIGMA, beacon, past)
     return Case(state, geometry, sight)
+
+
+@pytest.mark.parametrize("coupling", ["tight", "loose"])
+@pytest.mark.parametrize("two_way", [False, True])
+def test_a_time_in_doubt_is_noise_along_the_way(coupling, two_way):
+    """By as much as the fix would have been another, so much earlier."""
+    c = case(11, two_way=two_way)
+    sd, step = 0.3, 1e-4
+    c.state.x[33], c.state.x[34:37] = 0.01, (1e-3, -2e-3, 3e-3)
+
+    def look(state, t_sd_s=0.0):
+        sight = replace(c.sight, t_sd_s=t_sd_s, measured=np.array([-0.1, 0.2, 120.0]))
+        if coupling == "tight":
+            return usbl.linearise(state, c.geometry, sight)
+        return loose.linearise(state, c.geometry, sight, None)
+
+    def then(s):
+        state = c.state.copy()
+        state.x[LATENCY_IN_MEAN] += s
+        return look(state).residual
+
+    moved = (then(step) - then(-step)) / (2.0 * step)
+    added = look(c.state, sd).R - look(c.state).R
+    np.testing.assert_allclose(added, sd**2 * np.outer(moved, moved), rtol=1e-4, atol=1e-12)
 
 
 def relative_error(found, exact):

@@ -346,6 +346,31 @@ def test_degrees_become_radians_and_the_stamp_the_replys_arrival():
     assert ingest.counts.measurements == 1
 
 
+@pytest.mark.parametrize(
+    ("pause_s", "changes", "expected_s"),
+    [
+        (0.0, {}, 0.5),
+        (0.1, {}, 0.0),
+        (0.0, {"link": UDP}, 0.0),
+        (0.0, {"clock": {"source": "device"}}, 0.0),
+    ],
+    ids=["at once", "after a pause", "packets", "told its time"],
+)
+def test_what_stood_on_the_line_before_a_sentence_may_have_held_it_up(pause_s, changes, expected_s):
+    """480 bytes at 9600 baud, in two pieces, that are no sentence's."""
+    ingest = usbl(codec="evologics", **changes)
+    byte_s = 10 / 9600
+    begin_s = 240 * byte_s
+    for k in (1, 2):
+        t_ns = T0 + round((k * begin_s - 200 * byte_s) * 1e9)
+        junk = Rejected(t_rx_ns=t_ns, line_bytes=40, reason="unknown", data=bytes(240))
+        ingest.take(junk)
+    t_ns = T0 + round((2 * begin_s + pause_s + 60 * byte_s) * 1e9)
+    ingest.take(msgspec.structs.replace(sighting(line_bytes=60, t_device_s=1.0), t_rx_ns=t_ns))
+    (fix,) = ingest.flush()
+    assert fix.t_sd_s == pytest.approx(expected_s, abs=1e-6)
+
+
 def test_what_a_sentence_does_not_carry_stays_missing():
     ingest = usbl()
     ingest.take(sighting(bearing_deg=None, elevation_deg=None))
