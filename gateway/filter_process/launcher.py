@@ -213,7 +213,7 @@ class Launcher:
     def _take(self, data: bytes, fds: list[int]) -> None:
         match read_of_template(data):
             case Compiling():
-                _log.info("compiling the filter, once: what comes meanwhile waits for it")
+                _log.info("compiling the filter, once (half a minute or more); what comes waits")
             case Ready():
                 self.ready.set()
             case Born(pid):

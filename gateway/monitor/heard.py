@@ -13,6 +13,8 @@ from gateway.outputs.schema import InnovationReport, NavReport, TargetReport
 TRACK = 600
 """Positions kept for the picture, one a second."""
 INNOVATIONS = 20
+REPORTS = 11
+"""Reports of health kept for rates, one a second: what comes every two seconds is no 0 and 1."""
 SILENT_S = 3.0
 """A gateway that has said nothing for so long is lost."""
 
@@ -42,7 +44,7 @@ class Heard:
         self.track: deque[NavReport] = deque(maxlen=TRACK)
         self.targets: dict[str, TargetReport] = {}
         self.unread = 0
-        self._before: HealthReport | None = None
+        self._reports: deque[HealthReport] = deque(maxlen=REPORTS)
         self._alarms = Alarms()
         self._found: list[Alarm] = []
         self._clock = clock
@@ -85,18 +87,18 @@ class Heard:
         return alarms
 
     def records_hz(self, device: str) -> float | None:
-        """Records a second of a device, by the last two reports."""
-        now, before = self.status, self._before
-        if now is None or before is None or device not in before.devices:
-            return None
-        return _rate(now, before, lambda report: report.devices[device].records)
+        """Records a second of a device, over the last ten seconds."""
+        return self._rate(lambda report: report.devices[device].records)
 
     def sent_hz(self, k: int) -> float | None:
         """Payloads a second of the k-th output."""
-        now, before = self.status, self._before
-        if now is None or before is None or len(before.outputs) != len(now.outputs):
+        return self._rate(lambda report: report.outputs[k].sent)
+
+    def _rate(self, count: Callable[[HealthReport], int]) -> float | None:
+        if len(self._reports) < 2:
             return None
-        return _rate(now, before, lambda report: report.outputs[k].sent)
+        first, last = self._reports[0], self._reports[-1]
+        return (count(last) - count(first)) / (last.up_s - first.up_s)
 
     def _solved(self, nav: NavReport) -> None:
         self.nav = nav
@@ -104,12 +106,11 @@ class Heard:
             self.track.append(nav)
 
     def _told(self, status: HealthReport) -> None:
-        self._before, self.status = self.status, status
+        before = self.status
+        if before and (
+            status.up_s <= before.up_s or status.devices.keys() != before.devices.keys()
+        ):
+            self._reports.clear()  # another run
+        self.status = status
+        self._reports.append(status)
         self._found = self._alarms.take(status)
-
-
-def _rate(
-    now: HealthReport, before: HealthReport, count: Callable[[HealthReport], int]
-) -> float | None:
-    span_s = now.up_s - before.up_s
-    return (count(now) - count(before)) / span_s if span_s > 0.0 else None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from gateway.nav.earth import north_east
-from gateway.outputs.schema import NavReport
+from gateway.outputs.schema import NavReport, TargetReport
 
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 _BLANK = 0x2800
@@ -16,8 +16,15 @@ NICE = (1.0, 2.0, 5.0)
 Point = tuple[float, float]
 
 
-def draw(track: Sequence[NavReport], width: int, height: int) -> list[str]:
+def draw(
+    track: Sequence[NavReport],
+    width: int,
+    height: int,
+    targets: Iterable[TargetReport] = (),
+) -> list[str]:
     """Draw the track with the newest solution's 1-sigma ellipse; the last line is the scale.
+
+    A target is the first letter of its name, the vehicle a cross.
 
     Parameters
     ----------
@@ -25,18 +32,22 @@ def draw(track: Sequence[NavReport], width: int, height: int) -> list[str]:
         Solutions, oldest first; at least one.
     width, height
         Characters.
+    targets
+        Where they were last; one that is lost is not drawn.
     """
     here = track[-1]
     ellipse = list(_ellipse(here))
+    marks = [(target.name[:1], _seen(target)) for target in targets if target.state != "lost"]
     points = _way(track, here) + ellipse
-    canvas = _Canvas(width, height - 1, points)
+    canvas = _Canvas(width, height - 1, points + [point for _, point in marks])
     for point in points[: len(track)]:
         canvas.dot(point)
     for point in ellipse:
         canvas.dot(point)
     lines = canvas.lines()
-    column, row = canvas.cell((0.0, 0.0))
-    lines[row] = lines[row][:column] + "+" + lines[row][column + 1 :]
+    for mark, point in (*marks, ("+", (0.0, 0.0))):
+        column, row = canvas.cell(point)
+        lines[row] = lines[row][:column] + mark + lines[row][column + 1 :]
     return [*lines, canvas.scale()]
 
 
@@ -84,6 +95,12 @@ def _way(track: Sequence[NavReport], here: NavReport) -> list[Point]:
     lat, lon = np.radians([(nav.lat_deg, nav.lon_deg) for nav in track]).T
     north, east = north_east(lat, lon, math.radians(here.lat_deg), math.radians(here.lon_deg))
     return list(zip(east.tolist(), north.tolist(), strict=True))
+
+
+def _seen(target: TargetReport) -> Point:
+    """Metres east and north of the vehicle."""
+    bearing = math.radians(target.bearing_deg)
+    return target.range_m * math.sin(bearing), target.range_m * math.cos(bearing)
 
 
 def _ellipse(nav: NavReport) -> Iterable[Point]:

@@ -71,7 +71,8 @@ def screen(heard: Heard, width: int, height: int, beside: Sequence[str] = ()) ->
     both = Table.grid(padding=(0, 2, 0, 0))
     both.add_column(width=width - PICTURE_COLUMNS - 4)
     both.add_column(width=PICTURE_COLUMNS)
-    picture = draw(list(heard.track), PICTURE_COLUMNS, min(height - 2, PICTURE_COLUMNS // 2 + 2))
+    lines = min(height - 2, PICTURE_COLUMNS // 2 + 2)
+    picture = draw(list(heard.track), PICTURE_COLUMNS, lines, heard.targets.values())
     both.add_row(body, Text("\n".join(picture)))
     return both
 
@@ -194,7 +195,7 @@ def _innovation(innovation: InnovationReport) -> Text:
         text.append(f"  NIS {innovation.nis:.1f}")
     for component in innovation.components:
         name, _, unit = component.name.rpartition("_")
-        text.append(f"  {name or unit} {component.value / component.sigma:+.1f}")
+        text.append(f"  {name or unit} {component.value / component.sigma:+.1f}σ")
     return text
 
 

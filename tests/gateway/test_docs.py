@@ -1,4 +1,4 @@
-"""Every command and every configuration of the docs is one that the program takes."""
+"""Every command and every configuration of the docs is one that the program takes; links lead."""
 
 import argparse
 import ast
@@ -58,10 +58,15 @@ def commands(page: Path) -> Iterator[str]:
             yield line.strip()
 
 
+def unfenced(page: Path) -> str:
+    return re.sub(r"(?ms)^ *```.*?^ *```$", "", page.read_text(encoding="utf-8"))
+
+
 def inline(page: Path) -> list[str]:
     """Those in running text."""
-    text = re.sub(r"(?ms)^ *```.*?^ *```$", "", page.read_text(encoding="utf-8"))
-    found = re.findall(r"`((?:usblnav [a-z]|python -m tests|scripts/|pytest )[^`]*)`", text)
+    found = re.findall(
+        r"`((?:usblnav [a-z]|python -m tests|scripts/|pytest )[^`]*)`", unfenced(page)
+    )
     return [command.replace("\n", " ") for command in found]
 
 
@@ -198,3 +203,26 @@ def test_outputs_to_plotters_are_sound(tmp_path: Path) -> None:
     packaged = yaml.safe_load((tmp_path / "config.yaml").read_text(encoding="utf-8"))
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(packaged | nmea))
     assert len(load(tmp_path / "config.yaml").outputs) == 4
+
+
+@pytest.mark.parametrize(
+    "page",
+    [str(page.relative_to(ROOT)) for page in (*PAGES, *sorted((ROOT / "docs").rglob("*/*.md")))],
+)
+def test_every_link_leads_somewhere(page: str) -> None:
+    here = ROOT / page
+    missing = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", unfenced(here)):
+        file, _, heading = link.partition("#")
+        there = here.parent / file if file else here
+        if link.startswith("http"):
+            continue
+        if not there.exists() or (heading and heading not in headings(there)):
+            missing.append(link)
+    assert missing == []
+
+
+def headings(page: Path) -> set[str]:
+    """As a page of them is linked to: small letters, no punctuation, hyphens for blanks."""
+    found = re.findall(r"(?m)^#+ (.*)$", unfenced(page))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}

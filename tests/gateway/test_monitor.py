@@ -53,7 +53,7 @@ def test_it_says_what_was_heard() -> None:
     assert "0.42 x 0.28 m along 30 deg, down 0.20 m" in text
     assert "1.41 m/s, course 315.0" in text
     assert "imu0    kvh1750           200.0" in text
-    assert "usbl0 1  used  NIS 5.2  elevation +2.0  bearing -1.0  range +0.5" in text
+    assert "usbl0 1  used  NIS 5.2  elevation +2.0σ  bearing -1.0σ  range +0.5σ" in text
 
 
 def test_it_fits_the_smallest_terminal_however_much_there_is() -> None:
@@ -132,6 +132,36 @@ def test_the_picture_has_north_up_and_the_vehicle_where_it_is() -> None:
     east = [replace(NAV, lon_deg=-71.25 + 1e-5 * k) for k in range(60)]
     (row,) = [row for row in draw(east, 30, 16) if "+" in row]
     assert row.index("+") > 25
+
+
+def test_targets_stand_in_the_picture_where_they_are_seen() -> None:
+    north = replace(TARGET, name="rov", bearing_deg=0.0, range_m=100.0)
+    east = replace(TARGET, name="sledge", bearing_deg=90.0, range_m=100.0)
+    gone = replace(TARGET, name="buoy", bearing_deg=180.0, range_m=900.0, state="lost")
+    *rows, _ = draw([NAV], 30, 16, [north, east, gone])
+    at = {
+        mark: (k, row.index(mark)) for k, row in enumerate(rows) for mark in "+rsb" if mark in row
+    }
+    assert set(at) == {"+", "r", "s"}
+    assert at["r"][1] == at["+"][1]
+    assert at["s"][0] == at["+"][0]
+    assert at["r"][0] < at["+"][0]
+    assert at["s"][1] > at["+"][1]
+
+
+def test_rates_are_those_of_the_last_ten_seconds() -> None:
+    found, now = heard(("status", REPORT)), REPORT
+    assert found.records_hz("imu0") is None
+    rates = []
+    for k in range(30):  # one every other second, then none
+        records = now.devices["imu0"].records + (k % 2 if k < 15 else 0)
+        now = later(now, 1.0, {"devices": {"records": records}})
+        found.take("status", msgspec.json.encode(now))
+        rates.append(found.records_hz("imu0"))
+    assert rates[10:15] == pytest.approx([0.5] * 5)
+    assert rates[24:] == [0.0] * 6
+    found.take("status", msgspec.json.encode(replace(now, up_s=1.0)))
+    assert found.records_hz("imu0") is None
 
 
 def test_one_place_alone_can_be_drawn() -> None:

@@ -1,4 +1,4 @@
-"""Every command of the README runs as it stands there: here, or in CI."""
+"""Every command of the README, and of the docs about what a run leaves, runs as it stands there."""
 
 import os
 import re
@@ -6,9 +6,12 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.shared_data import ROOT
 
@@ -28,8 +31,8 @@ UNTIL_STOPPED = {
 }
 
 
-def commands() -> list[str]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def commands(page: str = "README.md") -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
     blocks = re.findall(r"^( *)```sh\n(.*?)^ *```", text, re.DOTALL | re.MULTILINE)
     return [line.strip() for _, block in blocks for line in block.splitlines() if line.strip()]
 
@@ -48,28 +51,66 @@ def test_ci_runs_the_rest() -> None:
 
 @pytest.mark.timeout(600)
 def test_commands(clone: Path) -> None:
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     listed = commands()
     assert listed[:2] == ["scripts/demo", "scripts/test"]
     for command in listed:
         if command in BY_CI | INSTALL:
             continue
         if command in UNTIL_STOPPED:
-            run_until(command, UNTIL_STOPPED[command], clone, environment)
+            run_until(command, UNTIL_STOPPED[command], clone)
             continue
-        done = subprocess.run(
-            command, shell=True, cwd=clone, env=environment, capture_output=True, timeout=120
-        )
-        assert done.returncode == 0, (command, done.stderr.decode())
+        run(command, clone)
     assert (clone / "out" / "nav.csv").stat().st_size > 10_000
 
 
-def run_until(command: str, sign: str, clone: Path, environment: dict[str, str]) -> None:
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_commands_about_what_a_run_leaves(clone: Path) -> None:
+    """``pytest -m slow tests/integration/test_readme.py``."""
+    for command in commands():
+        if command.startswith(("usblnav emulate --duration", "usblnav replay sea.pcap")):
+            run(command, clone)
+    config = yaml.safe_load((clone / "sea.yaml").read_text())
+    config |= {"vehicle": "auv1", "recording": {"folder": "recordings"}}
+    (clone / "sea.yaml").write_text(yaml.safe_dump(config))
+    (clone / "recordings").mkdir()
+    with running("usblnav run -c sea.yaml", "ready: ", clone):
+        run("usblnav emulate --duration 20", clone)
+    for page in ("docs/calibration.md", "docs/recording.md", "docs/report.md"):
+        for command in commands(page):
+            run(command, clone)
+    pages = (clone / "out" / "report.html", clone / "sea-trial.html")
+    assert all("navigation report" in page.read_text() for page in pages)
+    again, live = ((clone / name / "nav.csv").read_bytes() for name in ("again", "live"))
+    assert again == live
+
+
+def run(command: str, clone: Path) -> None:
+    """Run a command to its end."""
+    done = subprocess.run(
+        command, shell=True, cwd=clone, env=environment(), capture_output=True, timeout=120
+    )
+    assert done.returncode == 0, (command, done.stderr.decode())
+
+
+def run_until(command: str, sign: str, clone: Path) -> None:
     """Start a command that runs on, wait for a line of it, and end it."""
+    with running(command, sign, clone):
+        pass
+
+
+def environment() -> dict[str, str]:
+    """With the program in the path, as in an activated environment."""
+    return os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+
+
+@contextmanager
+def running(command: str, sign: str, clone: Path) -> Iterator[None]:
+    """A command that runs on, from a line of it to the end of the body."""
     with subprocess.Popen(
         command.split(),
         cwd=clone,
-        env=environment,
+        env=environment(),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -77,6 +118,7 @@ def run_until(command: str, sign: str, clone: Path, environment: dict[str, str])
         assert process.stderr is not None
         try:
             assert any(sign in line for line in process.stderr), command
+            yield
         finally:
             process.send_signal(signal.SIGTERM)
         process.stderr.read()
