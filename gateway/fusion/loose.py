@@ -73,7 +73,7 @@ def linearise(
         measured = axes.C_eu @ by_polar(elevation, bearing, range_m)
         noise = measured * sight.sigma * np.array([1.0, 1.0, 1.0 / k])
         turned = skew(r_e) @ axes.C_ea * np.sqrt(sight.sensor_variance())
-        moved = sight.t_sd_s * H[:, LATENCY]  # (M.179)
+        moved = sight.t_sd_s * H[:, LATENCY]  # (M.180)
         R = C_ne @ (noise @ noise.T + turned @ turned.T + np.outer(moved, moved)) @ C_ne.T
     else:
         R = np.eye(3) * sigma_m**2

@@ -154,7 +154,7 @@ def linearise(state: State, geometry: ArrayGeometry, sight: Sighting) -> Lineari
     R = np.diag(sight.sigma**2)
     if sight.axes != "array":
         R[:2, :2] = _told_noise(A, axes.C_eu.T @ axes.C_ea, np.array(r_a), sight)
-    R += np.outer(moved, moved)  # (M.179)
+    R += np.outer(moved, moved)  # (M.180)
     return Linearised(residual[rows], H, R[np.ix_(rows, rows)], names)
 
 
