@@ -101,6 +101,8 @@ class Figures:
     events: list[Event] = field(default_factory=list)
     carried: dict[str, Carried] = field(default_factory=dict)
     emulated: dict[str, Any] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+    """What ended a run of the gateway before its time, or not as it should."""
 
     def device(self, name: str, key: str) -> int:
         """A count of a device over all runs."""
@@ -120,6 +122,7 @@ class Figures:
 
     def findings(self) -> Iterator[str]:
         """What must not be."""
+        yield from self.broken
         for name in self.carried:
             if self.unexplained(name) or self.unsent(name):
                 lost = self.unexplained(name) + self.unsent(name)

@@ -64,11 +64,20 @@ class Soak:
             begun = time.monotonic()
             async with AsyncExitStack() as power:
                 # The first state of the configuration is the vehicle's when the emulator begins.
-                await self._gateway(begun + 0.5 * self._seconds, power)
-                await self._gateway(begun + self._seconds)
+                await self._watched(self._gateway(begun + 0.5 * self._seconds, power))
+                await self._watched(self._gateway(begun + self._seconds))
             self.figures.seconds = time.monotonic() - begun
+            self.figures.runs = [run for run in self.figures.runs if run.status]
             self.figures.carried = {name: cable.counts for name, cable in self._cables.items()}
             self.figures.emulated = self._rig.emulated
+
+    async def _watched(self, run: Awaitable[None]) -> None:
+        """What breaks a run is a finding: the figures are wanted all the same."""
+        try:
+            await run
+        except (AssertionError, pytest.fail.Exception) as failure:
+            self.figures.broken.append(str(failure).splitlines()[0])
+            print(failure)
 
     async def _gateway(self, until: float, power: AsyncExitStack | None = None) -> None:
         """One run of the gateway; the cables are cut while it is not there to hear.
@@ -79,11 +88,11 @@ class Soak:
         self._cut(*self._cables)
         rig.forget()
         async with rig.gateway():
-            self.figures.runs.append(run)
             rig.hear_zenoh()
             self._before = {name: cable.counts.arrived for name, cable in self._cables.items()}
             await self._up(*self._cables)
             self._uncut(*self._cables)
+            self.figures.runs.append(run)
             if power is not None:
                 await power.enter_async_context(rig.emulator())
             await self._recover("gateway started")
@@ -98,7 +107,6 @@ class Soak:
             self._cut(*self._cables)
             await self._settled(*self._cables)
             self._sample()
-            run.status = rig.statuses[-1]
 
     async def _array_pulled(self) -> None:
         self._cut("usbl0")
@@ -129,7 +137,8 @@ class Soak:
             await self._rig.until("a true position", self._is_true, BACK_WITHIN_S)
             back_s = time.monotonic() - begun
         except pytest.fail.Exception:
-            print(f"{what}: {self._rig.navs[-1:]}", *self._rig.log[-10:], sep="\n  ")
+            errors = [self._rig.error_m(nav) for nav in self._rig.navs[-1:]]
+            print(f"{what}: {errors} m, {self._rig.navs[-1:]}", *self._rig.log[-10:], sep="\n  ")
         self.figures.events.append(Event(what, begun_unix, back_s))
 
     def _is_true(self) -> bool:
@@ -153,6 +162,7 @@ class Soak:
         for nav in rig.navs:
             self.figures.errors.take(nav, rig.truth)
         rig.navs.clear()
+        run.status = rig.statuses[-1] if rig.statuses else run.status
         del rig.epochs[:-1], rig.statuses[:-1], rig.notices[:-1]
 
     async def _up(self, *names: str) -> None:

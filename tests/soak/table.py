@@ -10,6 +10,10 @@ from tests.soak.figures import Figures, Run
 def lines(figures: Figures) -> Iterator[str]:
     """The table."""
     yield f"soak of {figures.seconds / 60.0:.1f} min"
+    if not figures.runs:
+        return
+    p50, p99, most = figures.emulated["lateness_ms"]
+    yield f"emulator: frames late by {p50:.2f} ms (median), {p99:.2f} (99 %), {most:.1f} (worst)"
     yield from _bytes(figures)
     yield from _events(figures)
     yield from _solutions(figures)
