@@ -89,7 +89,7 @@ class Hosted:
 
     async def until(self, condition: Callable[[], bool]) -> None:
         """Wait for the host to say something that makes it true."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while not condition():
                 self.news.clear()
                 with suppress(TimeoutError):

@@ -29,6 +29,8 @@ from tests.shared_data import ROOT
 T = TypeVar("T")
 USBLNAV = (sys.executable, "-m", "gateway")
 ROS = {"origin": {"lat_deg": 39.8, "lon_deg": 116.2}}
+WITHIN_S = 40.0
+"""How long what must come may take on a machine that does much else."""
 END_S = 2.0
 """How long SIGTERM may take, as promised."""
 
@@ -122,7 +124,7 @@ class Rig:
         """The gateway's links, device by device."""
         return [device["link"] for device in self.config["devices"].values()]
 
-    async def until(self, what: str, condition: Callable[[], T], within_s: float = 10.0) -> T:
+    async def until(self, what: str, condition: Callable[[], T], within_s: float = WITHIN_S) -> T:
         """Wait until the condition holds, looking whenever the gateway has said something."""
         try:
             async with asyncio.timeout(within_s):

@@ -1,12 +1,10 @@
 """The recorder with its writer as a process: what disks and signals do to it, and what is lost."""
 
 import asyncio
-import errno
 import logging
 import os
 import signal
-import subprocess
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from gateway.recording.events import Raw
 from gateway.recording.host import Recorder
 from gateway.recording.reader import RecordedRun
 from tests.gateway.recorded import config, files, raw, topics, utc
+from tests.integration.disks import fill
 from tests.integration.rig import comm
 
 pytestmark = pytest.mark.live
@@ -46,7 +45,7 @@ class Feeding:
                 task.cancel()
                 await asyncio.wait([task])
 
-    async def until(self, condition: Callable[[], Any], within_s: float = 20.0) -> None:
+    async def until(self, condition: Callable[[], Any], within_s: float = 60.0) -> None:
         """Wait until the condition holds, looking as often as a chunk is fed."""
         async with asyncio.timeout(within_s):
             while not condition():
@@ -88,18 +87,6 @@ def said(caplog: pytest.LogCaptureFixture) -> list[str]:
 @pytest.fixture(autouse=True)
 def _log(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 300 kB."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ("mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place))
-    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("cannot mount a small disk here")
-    yield place
-    subprocess.run(("umount", "-l", str(place)), check=True)
 
 
 async def test_a_killed_writer_costs_nothing(
@@ -158,16 +145,6 @@ async def test_a_full_disk_is_waited_for(
     assert chunks(run) == list(range(feeding.fed))
     assert run.counts.missing == 0
     assert len(said(caplog)) == 2
-
-
-def fill(path: Path) -> None:
-    """Take all the space there is."""
-    with path.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(4096))
-        except OSError as error:
-            assert error.errno == errno.ENOSPC
 
 
 async def test_a_disk_that_hangs_holds_up_nothing_and_what_is_lost_is_counted(
