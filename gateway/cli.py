@@ -26,6 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Exit code: 0 done, 1 failed while running, 2 unusable arguments or configuration, 130
     interrupted.
     """
+    _stand_in()
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may be any bytes
     arguments = command_line().parse_args(argv)
@@ -51,6 +52,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complain(f"usblnav: {place}{(error.strerror or str(error)).lower()}")
         return 1
     return code
+
+
+def _stand_in() -> None:
+    """Let standard streams that the caller has closed lead nowhere.
+
+    Else the next socket would have their number, and be written to.
+    """
+    for fd, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is not None:
+            continue
+        with suppress(OSError):
+            os.fstat(fd)
+            continue  # meanwhile it is another's
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        os.set_inheritable(nowhere, True)
+        setattr(sys, name, os.fdopen(nowhere, "w" if fd else "r", closefd=False))
 
 
 def _complain(text: str) -> None:

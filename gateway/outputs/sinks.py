@@ -223,6 +223,7 @@ class _TcpSink(_Sink):
         self._server: asyncio.Server | None = None
         self._clients: set[_Client] = set()
         self._cut_off = 0
+        self._said_full = False
 
     async def open(self) -> None:
         loop = asyncio.get_running_loop()
@@ -231,7 +232,10 @@ class _TcpSink(_Sink):
     def write(self, data: bytes) -> None:
         for client in tuple(self._clients):
             if client.transport.get_write_buffer_size() + len(data) > CLIENT_BUFFER_BYTES:
-                self._cut(client, "does not read")
+                host, port = client.transport.get_extra_info("peername")[:2]
+                said = "output %s: client %s port %d does not read, cut off"
+                log.warning(said, self.name, host, port)
+                self._cut(client)
             else:
                 client.transport.write(data)
 
@@ -248,20 +252,23 @@ class _TcpSink(_Sink):
 
     def joined(self, client: _Client) -> None:
         """Serve a new client, unless there are too many."""
-        if len(self._clients) >= MAX_CLIENTS:
-            self._cut(client, f"is one more than {MAX_CLIENTS}")
-        else:
+        if len(self._clients) < MAX_CLIENTS:
             self._clients.add(client)
+            return
+        if not self._said_full:
+            log.warning("output %s: %d clients; more are refused", self.name, MAX_CLIENTS)
+        self._said_full = True
+        self._cut(client)
 
     def left(self, client: _Client) -> None:
         """Forget a client."""
-        self._clients.discard(client)
+        if client in self._clients:
+            self._clients.remove(client)
+            self._said_full = False
 
-    def _cut(self, client: _Client, why: str) -> None:
-        peer = client.transport.get_extra_info("peername")
-        log.warning("output %s: client %s %s, cut off", self.name, peer, why)
+    def _cut(self, client: _Client) -> None:
         self._cut_off += 1
-        self._clients.discard(client)
+        self.left(client)
         client.transport.abort()
 
 

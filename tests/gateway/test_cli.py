@@ -405,3 +405,26 @@ def test_status_of_nobody_is_one_line(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (2, b"")
     fault = "outputs: none is of type zenoh, which is what is asked"
     assert lines(done.stderr) == [f"{silent}: {fault}"]
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_streams_that_the_caller_has_closed_are_no_numbers_for_sockets(
+    closed: str, tmp_path: Path
+) -> None:
+    code = """
+import os, socket, sys
+from gateway import cli
+code = cli.main(["check", "config.yaml"])
+with socket.socket() as line, open(sys.argv[1], "w") as told:
+    child = os.spawnv(os.P_WAIT, "/bin/sh", ["sh", "-c", "true <&0 >&1 2>&1"])
+    print(code, line.fileno() > 2, child, file=told)
+"""
+    told = tmp_path / "told"
+    done = subprocess.run(
+        ["/bin/sh", "-c", f'exec "$@" {closed}', "sh", sys.executable, "-c", code, told],
+        cwd=ROOT,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert told.read_text() == "0 True 0\n"

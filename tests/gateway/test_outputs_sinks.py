@@ -221,15 +221,25 @@ async def test_a_client_that_leaves_is_forgotten() -> None:
         assert (sink.status().clients_cut_off, sink.status().up) == (0, True)
 
 
-async def test_one_client_too_many_is_turned_away() -> None:
+async def test_clients_too_many_are_turned_away_and_that_is_said_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     port = free_port()
     async with open_sink(TcpLink(port=port)) as sink, AsyncExitStack() as clients:
-        for _ in range(MAX_CLIENTS):
+        for _ in range(MAX_CLIENTS - 1):
             await clients.enter_async_context(joined(port))
-        await until(lambda: sink.status().clients == MAX_CLIENTS)
-        reader, _ = await clients.enter_async_context(joined(port))
-        assert await reader.read() == b""
-        assert sink.status().clients_cut_off == 1
+        for times in (1, 2):  # the last one leaves, and one comes in its place
+            async with joined(port):
+                await until(lambda: sink.status().clients == MAX_CLIENTS)
+                for _ in range(5):
+                    reader, _ = await clients.enter_async_context(joined(port))
+                    assert await reader.read() == b""
+                assert sink.status().clients_cut_off == 5 * times
+                full = f"output tcp 127.0.0.1:{port}: {MAX_CLIENTS} clients; more are refused"
+                assert caplog.messages == [full] * times
+            while sink.status().clients == MAX_CLIENTS:  # a leave shows when it is spoken to
+                sink.send(LINE)
+                await asyncio.sleep(0.001)
 
 
 async def test_a_port_in_use_is_taken_once_it_is_free(caplog: pytest.LogCaptureFixture) -> None:
