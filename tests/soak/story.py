@@ -65,7 +65,8 @@ class Soak:
             async with AsyncExitStack() as power:
                 # The first state of the configuration is the vehicle's when the emulator begins.
                 await self._watched(self._gateway(begun + 0.5 * self._seconds, power))
-                await self._watched(self._gateway(begun + self._seconds))
+                if self.figures.runs:
+                    await self._watched(self._gateway(begun + self._seconds))
             self.figures.seconds = time.monotonic() - begun
             self.figures.runs = [run for run in self.figures.runs if run.status]
             self.figures.carried = {name: cable.counts for name, cable in self._cables.items()}
