@@ -14,6 +14,8 @@ LONG_LEVER_M = 100.0
 PROMPT_MS = 5.0
 """No topside says a reply sooner than its pulse has passed; written in seconds any would."""
 PROMPT_TURNAROUND_MS = 1.0
+POOR_HEADING_DEG = 1.0
+"""Known worse at first, a heading is what the filter finds."""
 GREAT_SCALE = 0.05
 """1 sigma of the sound speed in the whole range from ice to the tropics."""
 
@@ -34,6 +36,7 @@ def doubts(config: Config) -> Iterator[str]:
     yield from _times(config)
     yield from _noise(config)
     yield from _beacons(config)
+    yield from _filter(config)
 
 
 def _lever_arms(config: Config) -> Iterator[str]:
@@ -95,6 +98,23 @@ def _beacons(config: Config) -> Iterator[str]:
                 f"{path}.height_m: {above_m:.0f} m above where the vehicle begins;"
                 " heights under water are negative"
             )
+
+
+def _filter(config: Config) -> Iterator[str]:
+    """One beacon tells no heading: the vehicle may have turned about it, as its place may.
+
+    A filter whose error is not the right-invariant one finds some all the same.
+    """
+    error, begin = config.filter.error, config.initial
+    sees_north = any(device.kind in ("gnss", "heading") for device in config.devices.values())
+    known = begin.align is None or begin.align.heading in ("config", "gyrocompass")
+    sigma = begin.sigma.attitude_deg
+    poor = not known or (sigma is not None and sigma[2] >= POOR_HEADING_DEG)
+    if error != "right_invariant" and len(config.moored) == 1 and poor and not sees_north:
+        yield (
+            f"filter.error: {error} claims a heading that one beacon does not tell;"
+            " right_invariant does not"
+        )
 
 
 def _way_km(lat1: float, lon1: float, lat2: float, lon2: float) -> float:

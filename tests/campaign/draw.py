@@ -1,5 +1,6 @@
 """One mission by its seed and number: a vehicle, its instruments, its way, and what goes wrong."""
 
+from gateway.config.doubts import POOR_HEADING_DEG
 from tests.campaign.dice import Data, Dice
 from tests.campaign.wide import widened
 
@@ -101,6 +102,8 @@ def mission(
     }
     data |= {"faults": _faults(dice, data)}
     error = dice.one(*ERRORS)
+    if len(beacons) == 1 and sigma[2] >= POOR_HEADING_DEG:
+        error = "right_invariant"  # `usblnav check` advises against any other
     return (widened(Dice(seed, number, "wide"), number, data) if wide else data), error
 
 

@@ -84,6 +84,20 @@ def test_what_may_well_be_meant_is_not_doubted(edit: tuple[str, Any]) -> None:
     assert doubted(edit) == []
 
 
+@pytest.mark.parametrize("error", ["additive", "left_invariant"])
+def test_one_beacon_tells_no_heading(error: str) -> None:
+    poor = ("initial.sigma.attitude_deg", [0.5, 0.5, 2.0])
+    choice = ("filter", {"error": error})
+    assert doubted(poor, choice) == [
+        f"filter.error: {error} claims a heading that one beacon does not tell;"
+        " right_invariant does not"
+    ]
+    known = ("initial.sigma.attitude_deg", [0.5, 0.5, 0.2])
+    assert doubted(poor) == doubted(known, choice) == []
+    second = {"lat_deg": 39.8, "lon_deg": 116.201, "height_m": -60.0}
+    assert doubted(poor, choice, ("beacons.2", second)) == []
+
+
 def test_round_the_date_line_it_is_not_far() -> None:
     near = (("initial.lon_deg", 179.999), ("beacons.1.lon_deg", -179.999))
     assert doubted(*near) == []
