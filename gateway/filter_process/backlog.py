@@ -13,6 +13,9 @@ class Backlog:
     limit
         Most that are kept. Beyond it go the oldest: first those already sent, which only the next
         worker would want, then those that wait.
+    at_first
+        Most that wait for the first worker, which may have to be compiled: of these none may be
+        lost, for the configured state is that of the first.
 
     Attributes
     ----------
@@ -22,10 +25,12 @@ class Backlog:
         Inputs sent that a next worker would have needed, but which were too many to keep.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, at_first: int = 0) -> None:
         self.dropped = 0
         self.forgotten = 0
         self._limit = limit
+        self._most = max(limit, at_first)
+        self._begun = False
         self._sent: deque[bytes] = deque()
         self._waiting: deque[bytes] = deque()
         self._first = 0  # number of the oldest kept
@@ -49,7 +54,10 @@ class Backlog:
     def add(self, data: bytes) -> None:
         """Take an input."""
         self._waiting.append(data)
-        if len(self._sent) + len(self._waiting) <= self._limit:
+        kept = len(self._sent) + len(self._waiting)
+        if self._begun and kept <= self._limit:
+            self._most = self._limit  # what came at first is worked in
+        if kept <= self._most:
             return
         if self._sent:
             self._sent.popleft()
@@ -72,6 +80,7 @@ class Backlog:
 
     def sent(self, count: int) -> None:
         """Note that the next inputs were sent."""
+        self._begun = True
         for _ in range(count):
             self._sent.append(self._waiting.popleft())
 

@@ -26,6 +26,8 @@ from gateway.timeline import LOOK_BACK_S
 
 OTHERS_HZ = 100.0
 """Inputs beside the IMU's that come in a second, at most."""
+FIRST_S = 300.0
+"""How long the first worker may take to be compiled, on a slow machine."""
 MARGIN_S = 10.0
 """How much older than the history a checkpoint may grow, while a worker hangs or is replaced."""
 MOST_AT_ONCE = 100
@@ -78,7 +80,7 @@ class FilterHost:
     ) -> None:
         self._launcher = Launcher(Prepare(config, rate_hz), begun)
         self._on_output = on_output
-        self._succession = Succession(most_kept(config), resume)
+        self._succession = Succession(most_kept(config), resume, most_at_first(config))
         self._backlog = self._succession.backlog
         self._worker: Worker | None = None
         self._blocked = False
@@ -204,6 +206,11 @@ def most_kept(config: Config) -> int:
     if config.initial.align is not None:
         past_s += config.initial.align.window_s
     return math.ceil(past_s * (config.imu[1].rate_hz + OTHERS_HZ))
+
+
+def most_at_first(config: Config) -> int:
+    """How many inputs may wait for the first worker."""
+    return math.ceil(FIRST_S * (config.imu[1].rate_hz + OTHERS_HZ))
 
 
 async def _to_its_end(worker: Worker) -> int | None:

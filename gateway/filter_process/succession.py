@@ -41,10 +41,12 @@ class Succession:
         Most inputs that are kept.
     resume
         Where an earlier gateway left off.
+    at_first
+        Most that wait for the first worker.
     """
 
-    def __init__(self, limit: int, resume: SavedState | None) -> None:
-        self.backlog = Backlog(limit)
+    def __init__(self, limit: int, resume: SavedState | None, at_first: int = 0) -> None:
+        self.backlog = Backlog(limit, at_first)
         self.in_vain = 0
         """Workers in a row that died without news."""
         self._from: Checkpoint | SavedState | None = resume

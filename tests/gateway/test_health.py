@@ -8,7 +8,7 @@ import pytest
 from gateway.commands.status import lines
 from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
-from gateway.filter_process.host import FilterHost, most_kept
+from gateway.filter_process.host import FilterHost, most_at_first
 from gateway.health import (
     FIRST_S,
     FLOWING_S,
@@ -195,7 +195,7 @@ def test_a_queue_that_overflows_is_said_once_and_its_end_too(
     for _ in range(3):
         setting.imu.link.kernel_dropped += 5
         setting.later(LOSS_OVER_S / 2)
-    for n in range(most_kept(setting.config) + 7):  # there is no worker to take them
+    for n in range(most_at_first(setting.config) + 7):  # there is no worker to take them
         setting.host.send(Stationary(n, "imu0", 0.01))
     setting.later(0.2)
     assert said() == [

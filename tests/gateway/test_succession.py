@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.filter_process.backlog import Backlog
 from gateway.filter_process.channel import Start, encode
 from gateway.filter_process.progress import At
 from gateway.filter_process.succession import IN_VAIN, Succession
@@ -140,3 +141,25 @@ def test_a_state_that_is_worked_out_again_is_no_news(older: int) -> None:
     line = Line()
     assert line.succession.take(state(40))
     assert not line.succession.take(state(older))
+
+
+def test_what_waits_for_the_first_worker_is_not_lost_and_memory_is_bounded_again_later() -> None:
+    backlog = Backlog(10, at_first=100)
+    for n in range(100):
+        backlog.add(bytes([n]))
+    assert (backlog.waiting, backlog.dropped) == (100, 0)
+    assert backlog.next(1, 1000) == [bytes([0])]
+    backlog.sent(100)
+    backlog.add(b"later")
+    assert (backlog.kept, backlog.forgotten) == (99, 1)  # the most there ever is
+    backlog.cover(95)
+    for _ in range(50):
+        backlog.add(b"more")
+    assert (backlog.kept + backlog.waiting, backlog.dropped) == (10, 41)
+
+
+def test_beyond_what_is_kept_for_the_first_worker_the_oldest_go() -> None:
+    backlog = Backlog(10, at_first=20)
+    for n in range(25):
+        backlog.add(bytes([n]))
+    assert (backlog.waiting, backlog.dropped) == (20, 5)
