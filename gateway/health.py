@@ -97,6 +97,19 @@ class DeviceReport(msgspec.Struct, frozen=True):
     clock: ClockReport
 
 
+class FilterTotals(msgspec.Struct, frozen=True):
+    """What the filter has taken, used and refused; `FilterCounts` by name."""
+
+    imu_samples: int
+    fixes_used: int
+    fixes_gated: int
+    fixes_late: int
+    fixes_too_late: int
+    fixes_too_early: int
+    fixes_duplicate: int
+    resets: int
+
+
 class HealthReport(msgspec.Struct, frozen=True):
     """The daemon's status, as published on Zenoh."""
 
@@ -107,7 +120,7 @@ class HealthReport(msgspec.Struct, frozen=True):
     fix_age_s: float | None
     devices: dict[str, DeviceReport]
     filter: HostStatus
-    totals: FilterCounts | None
+    totals: FilterTotals | None
     outputs: list[SinkStatus]
     latency: list[StageReport]
     realtime: RealtimeStatus
@@ -341,7 +354,7 @@ class Health:
             fix_age_s=None if self._nav is None else self._nav.fix_age_s,
             devices=dict(report for line in self._lines for report in line.reports(now)),
             filter=self._host.status,
-            totals=self.totals,
+            totals=msgspec.convert(self.totals, FilterTotals | None, from_attributes=True),
             outputs=[feed.status() for feed in self._feeds],
             latency=self._stages.report(),
             realtime=self.realtime,

@@ -6,9 +6,8 @@ import msgspec
 
 from gateway.clock import ClockReport
 from gateway.filter_process.host import HostStatus
-from gateway.health import DeviceReport, HealthReport, LinkReport
+from gateway.health import DeviceReport, FilterTotals, HealthReport, LinkReport
 from gateway.latency import Spread, StageReport
-from gateway.messages import FilterCounts
 from gateway.modes import Mode
 from gateway.outputs.schema import ComponentReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
@@ -54,7 +53,7 @@ REPORT = HealthReport(
     fix_age_s=1.2,
     devices={"imu0": device(), "usbl0": device(kind="usbl", codec="tracklink-lxt")},
     filter=HostStatus(4711, 4712, True, 0, 0, 200, 0, 0),
-    totals=FilterCounts(0, 20_000, 50, 2, 50, 0, 0, 0, 0),
+    totals=FilterTotals(20_000, 50, 2, 50, 0, 0, 0, 0),
     outputs=[SinkStatus("zenoh peer", True, 1000, 0, "", 1, 0, 0)],
     latency=[StageReport("total", "zenoh peer", _SPREAD, _SPREAD)],
     realtime=RealtimeStatus(),
