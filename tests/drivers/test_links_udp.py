@@ -5,6 +5,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
@@ -61,9 +62,10 @@ async def test_stamp_is_the_kernels_even_when_the_loop_is_blocked(sender: socket
             sender.sendto(bytes([n]), ("127.0.0.1", port))
             stall(0.05)
         chunks = await take(link, 5)
-    assert time.monotonic_ns() - sent[0] > 240_000_000
-    for t_sent, chunk in zip(sent, chunks, strict=True):
-        assert 0 <= chunk.t_rx_ns - t_sent + 100_000 < 5_000_000
+    # All were read after the last stall; each was stamped before the next one was sent.
+    bounds = pairwise([*sent, sent[-1] + 50_000_000])
+    for (t_sent, t_next), chunk in zip(bounds, chunks, strict=True):
+        assert t_sent - 1_000_000 <= chunk.t_rx_ns < t_next
 
 
 async def test_a_wall_clock_set_ahead_moves_no_stamp(

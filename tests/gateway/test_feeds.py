@@ -70,12 +70,12 @@ async def test_the_first_solution_of_each_period_is_sent(plotter: Plotter) -> No
 
 
 async def test_a_time_declared_blank_stays_so(plotter: Plotter) -> None:
-    plotter.feed.nav(report(time.time_ns()))
     begun = time.monotonic()
+    plotter.feed.nav(report(time.time_ns()))
     assert (await plotter.hear())[1] == "A"
     blank, status = await plotter.hear()
     assert status == "V"
-    assert STALE_S <= time.monotonic() - begun < STALE_S + 0.5
+    assert time.monotonic() - begun >= STALE_S
     now = time.time_ns()
     for late_ns in (1_200_000_000, 900_000_000, 300_000_000):  # a filter that catches up
         plotter.feed.nav(report(now - late_ns))
