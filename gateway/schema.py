@@ -1,6 +1,7 @@
 """From plain data to typed blocks, with every fault named by its path in the file."""
 
 import difflib
+import functools
 import json
 import math
 import re
@@ -14,6 +15,9 @@ from gateway.yamlfile import read_yaml, reads_as_number
 __all__ = ["build", "draft", "known", "phrase", "read_yaml", "shown", "suggest"]
 
 T = TypeVar("T")
+
+_description: Callable[[Any], inspect.Type] = functools.cache(inspect.type_info)
+"""Of a type: it does not change, and takes longer to make than to read."""
 
 
 def build(type_: type[T], data: Any, faults: list[str], path: str = "") -> T | None:
@@ -45,7 +49,7 @@ def draft(type_: type[T], data: Any, faults: list[str], path: str = "") -> T:
     For checks across blocks that must be reported together with the faults inside them; ask `known`
     before using a value.
     """
-    value: T = _Builder(faults).value(inspect.type_info(type_), data, path)
+    value: T = _Builder(faults).value(_description(type_), data, path)
     return value
 
 

@@ -1,4 +1,7 @@
-"""What holds for every codec on every stream: chunking, junk, damage, truncation."""
+"""What holds for every codec on every stream: chunking, junk, damage, truncation.
+
+Longer searches for the same: ``python -m tests.fuzz``.
+"""
 
 from itertools import pairwise
 
@@ -56,7 +59,7 @@ def test_whole_stream_decodes(name: str) -> None:
 
 
 @EVERY
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_any_chunking_gives_the_same_records(name: str, data: st.DataObject) -> None:
     stream = b"".join(data.draw(st.lists(damaged(FRAMES[name]), max_size=8)))
@@ -134,7 +137,7 @@ def test_a_stream_that_ends_anywhere(name: str) -> None:
 
 
 @EVERY
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_junk_between_frames_costs_nothing(name: str, data: st.DataObject) -> None:
     pieces = [data.draw(junk(name)) + frame for frame in FRAMES[name]]
@@ -143,7 +146,7 @@ def test_junk_between_frames_costs_nothing(name: str, data: st.DataObject) -> No
 
 
 @EVERY
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(chunks=st.lists(st.binary(max_size=200), max_size=6))
 def test_garbage_never_raises_and_is_accounted_for(name: str, chunks: list[bytes]) -> None:
     chunks = [chunk for chunk in chunks if chunk]

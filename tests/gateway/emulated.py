@@ -1,5 +1,7 @@
 """Scenarios for the emulator's tests, made from the packaged one."""
 
+import copy
+from functools import cache
 from typing import Any
 
 import yaml
@@ -13,7 +15,13 @@ START = 1_780_000_000.0
 
 def demo_data() -> dict[str, Any]:
     """The packaged scenario as plain data, starting at a fixed time."""
-    return yaml.safe_load(twin.DEMO.read_text()) | {"start": START}
+    return copy.deepcopy(_packaged()) | {"start": START}
+
+
+@cache
+def _packaged() -> dict[str, Any]:
+    data: dict[str, Any] = yaml.safe_load(twin.DEMO.read_text())
+    return data
 
 
 def make(data: dict[str, Any]) -> Scenario:

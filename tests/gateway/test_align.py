@@ -18,6 +18,7 @@ from tests.gateway.voyages import perfect_rows, trajectory
 
 DEG_H, UG = math.radians(1.0) / 3600.0, 9.80665e-6
 PERFECT = align.Grade(0.0, 0.0, 0.0, 0.0)
+RUNS = 25
 FOG = align.Grade(math.radians(0.002) / 60.0, 20 * UG, 0.02 * DEG_H, 50 * UG)
 
 
@@ -126,7 +127,7 @@ def within(squares: list[float], degrees_of_freedom: int) -> bool:
 
 def test_the_level_in_any_seaway_is_as_good_as_it_says():
     squares = []
-    for seed in range(40):
+    for seed in range(RUNS):
         berth = Berth(30.0, sway=swaying(np.random.default_rng(seed)), lat_deg=39.8)
         found = berth.level(FOG, noisy(berth, seed))
         squares.append(float(np.sum((berth.error(found)[:2] / found.level_sd) ** 2)))
@@ -136,7 +137,7 @@ def test_the_level_in_any_seaway_is_as_good_as_it_says():
 
 def test_the_compass_in_any_seaway_is_as_good_as_it_says():
     squares = []
-    for seed in range(40):
+    for seed in range(RUNS):
         berth = Berth(180.0, sway=swaying(np.random.default_rng(seed)), lat_deg=39.8)
         found = berth.compass(FOG, noisy(berth, seed))
         squares.append(float((berth.error(found)[2] / found.heading_sd) ** 2))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from gateway.config import Config
 from gateway.emulator import twin
 from gateway.emulator.acoustics import Fixes, acoustic_errors, measure
 from gateway.emulator.scenario import Scenario
+from gateway.emulator.scenario.trajectory import Track
 from gateway.emulator.sensors import ImuErrorSource, increments
 from gateway.emulator.trajectory import Trajectory
 from gateway.fusion.state import N_FULL, N_STATES, State
@@ -36,6 +37,17 @@ def true_state(truth: Trajectory, t_s: float) -> State:
     return State.at(pose.C_eb[0], v_e, pose.r_e[0], np.zeros((N_STATES, N_STATES)))
 
 
+def epochs(duration_s: float, rate_hz: float) -> np.ndarray:
+    return (np.arange(round(duration_s * rate_hz)) + 1) / rate_hz
+
+
+@lru_cache(maxsize=4)
+def sensed(block: Track, duration_s: float, rate_hz: float) -> np.ndarray:
+    """(k, 6) increments of a perfect IMU: the same for every seed."""
+    truth = Trajectory(block, duration_s)
+    return increments(truth, epochs(duration_s, rate_hz), 1.0 / rate_hz)
+
+
 def rows_of(inc: np.ndarray, dt: float) -> np.ndarray:
     """Increments (k, 6) as the (k, 8) rows of the strapdown."""
     rows = np.zeros((len(inc), 8))
@@ -47,7 +59,7 @@ def rows_of(inc: np.ndarray, dt: float) -> np.ndarray:
 def perfect_rows(truth: Trajectory, t_s: float, rate_hz: float) -> np.ndarray:
     """Rows of a perfect IMU from 0 to `t_s`."""
     dt = 1.0 / rate_hz
-    return rows_of(increments(truth, (np.arange(round(t_s * rate_hz)) + 1) * dt, dt), dt)
+    return rows_of(increments(truth, epochs(t_s, rate_hz), dt), dt)
 
 
 def block(t_ns: np.ndarray, rows: np.ndarray) -> ImuBlock:
@@ -82,8 +94,7 @@ class Voyage:
 
     @cached_property
     def t_imu(self) -> np.ndarray:
-        n = round(self.scenario.duration_s * self.rate_hz)
-        return (np.arange(n) + 1) / self.rate_hz
+        return epochs(self.scenario.duration_s, self.rate_hz)
 
     @cached_property
     def t_ns(self) -> np.ndarray:
@@ -91,9 +102,8 @@ class Voyage:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        dt = 1.0 / self.rate_hz
-        inc = increments(self.truth, self.t_imu, dt)
-        return rows_of(inc + self.errors.next(len(inc)), dt)
+        inc = sensed(self.scenario.trajectory, self.scenario.duration_s, self.rate_hz)
+        return rows_of(inc + self.errors.next(len(inc)), 1.0 / self.rate_hz)
 
     @cached_property
     def heard(self) -> Fixes:
