@@ -32,6 +32,7 @@ from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.recording.host import Recorder
 from gateway.resume import COLD, Resume
+from gateway.subordinate import ENDING
 from gateway.supervise import Alive, keep_running
 from gateway.targets import Targets
 from gateway.utc import UtcHistory
@@ -45,7 +46,7 @@ _log = logging.getLogger(__name__)
 def run(
     config: Config, *, nmea_stdout: bool = False, cold: bool = False, begun: Begun | None = None
 ) -> None:
-    """Run until SIGTERM or SIGINT, or until the reader of standard output is gone.
+    """Run until SIGTERM, SIGINT or SIGHUP, or until the reader of standard output is gone.
 
     Parameters
     ----------
@@ -97,8 +98,9 @@ class _Daemon:
     async def run(self) -> None:
         """Everything, until told to stop."""
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, self._stop.set)
+        for number in ENDING:
+            if signal.getsignal(number) != signal.SIG_IGN:  # as nohup asks
+                loop.add_signal_handler(number, self._stop.set)
         self._health.realtime, complaints = realtime.enter(self._config.realtime)
         for complaint in complaints:
             _log.warning("%s", complaint)

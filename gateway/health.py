@@ -36,6 +36,8 @@ FIRST_S = 10.0
 """How long a device may take to speak for the first time."""
 LOSS_OVER_S = 10.0
 """A queue that has not dropped anything for so long keeps up again."""
+STOOD_STILL_S = 2.0
+"""Between two looks, which are a second apart."""
 FLOWING_S = 3.0
 """A solution, or the last inertial data, younger than this counts as flowing."""
 
@@ -148,6 +150,11 @@ class Voice:
         """Note that it spoke."""
         self.heard_at = self._quiet_since = now
 
+    def stood_still(self, seconds: float) -> None:
+        """Do not count a time in which nobody listened as silence."""
+        if self._quiet_since is not None:
+            self._quiet_since += seconds
+
     def lost(self) -> None:
         """Note that its line is gone."""
         self._quiet_since, self._said_silent = None, False
@@ -209,6 +216,11 @@ class Line:
         self.up = False
         for voice in self.voices:
             voice.lost()
+
+    def stood_still(self, seconds: float) -> None:
+        """Do not count a time in which nobody listened as silence."""
+        for voice in self.voices:
+            voice.stood_still(seconds)
 
     def watch(self, now: float) -> None:
         """Say of whom nothing is heard."""
@@ -301,7 +313,7 @@ class Health:
         self._feeds = feeds
         self._keeper = keeper
         self._begun = self._clock()
-        self._solved_at = self._begun
+        self._solved_at = self._watched_at = self._begun
         self._nav: NavReport | None = None
         self._stages = Stages()
         self._losses = Losses()
@@ -334,6 +346,11 @@ class Health:
         """Raise the alarms that time brings."""
         now = self._clock()
         self._stages.turn(now)
+        stood_s, self._watched_at = now - self._watched_at, now
+        if stood_s > STOOD_STILL_S:
+            _log.warning("the gateway stood still for %.1f s: stopped, or starved", stood_s)
+            for line in self._lines:
+                line.stood_still(stood_s)
         for line in self._lines:
             line.watch(now)
             self._losses.watch(f"{line.name}: the system's buffer", line.link.kernel_dropped, now)

@@ -4,11 +4,14 @@ import signal
 from contextlib import suppress
 from pathlib import Path
 
+ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""What a service manager, Ctrl-C and a terminal that closes send."""
+
 
 def serve_as(name: str) -> None:
-    """Leave SIGINT and SIGTERM to the daemon, which decides about the whole; be called `name`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    """Leave signals that end to the daemon, which decides about the whole; be called `name`."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
     call_it(name)
 
 

@@ -428,3 +428,16 @@ with socket.socket() as line, open(sys.argv[1], "w") as told:
     )
     assert done.returncode == 0
     assert told.read_text() == "0 True 0\n"
+
+
+def test_too_few_open_files_are_said_before_anything_fails() -> None:
+    done = subprocess.run(
+        ["/bin/sh", "-c", 'ulimit -n 20; exec "$@"', "sh", *USBLNAV, "run", "-c", "config.yaml"],
+        capture_output=True,
+        cwd=ROOT,
+        timeout=60,
+        check=False,
+    )
+    said = b"usblnav: 20 open files are permitted; 256 are needed"
+    said += b" (ulimit -n, LimitNOFILE= of the unit)"
+    assert (done.returncode, done.stderr) == (1, said + b"\n")

@@ -72,6 +72,20 @@ def test_silence_of_an_open_line_is_said_once_and_its_end_too(
     assert said() == ["imu0: speaks"]
 
 
+def test_a_gateway_that_stood_still_does_not_blame_the_instruments(
+    setting: Setting, said: Callable[[], list[str]]
+) -> None:
+    setting.imu.opened(setting.now, "udp 127.0.0.1:7001")
+    setting.later(1.0)
+    setting.imu.heard(setting.now)
+    setting.now += 12.0  # SIGSTOP, or the machine slept
+    setting.health.watch()
+    assert said() == ["the gateway stood still for 12.0 s: stopped, or starved"]
+    setting.imu.heard(setting.now)
+    setting.later(0.9)
+    assert said() == []
+
+
 def test_every_kind_of_device_has_its_patience() -> None:
     assert set(SILENT_S) == set(get_args(DeviceKind))
 

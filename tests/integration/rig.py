@@ -108,6 +108,8 @@ class Rig:
         self._news = asyncio.Event()
         self._stack = ExitStack()
         self.process: asyncio.subprocess.Process
+        self.terminal_closes = False
+        """Whether it is told to end as a terminal does, all of it at once."""
         self.log: list[str] = []
         self.notices: list[tuple[float, str]] = []
         self.epochs: list[Epoch] = []
@@ -256,14 +258,17 @@ class Rig:
         return pid
 
     async def _end(self, code: int) -> None:
-        """SIGTERM: everything is gone in time, and nothing left behind."""
+        """Told to end, everything is gone in time, and nothing left behind."""
         begun = time.monotonic()
         with suppress(ProcessLookupError):
-            self.process.terminate()
+            if self.terminal_closes:
+                os.killpg(self.process.pid, signal.SIGHUP)
+            else:
+                self.process.terminate()
         ended = await asyncio.wait_for(self.process.wait(), 30)
         took_s = time.monotonic() - begun
         assert ended == code, "\n".join([f"exit code {ended}", *self.log])
-        assert took_s < END_S, "\n".join([f"SIGTERM took {took_s:.1f} s", *self.log])
+        assert took_s < END_S, "\n".join([f"the end took {took_s:.1f} s", *self.log])
         await self._all_gone(END_S - took_s)
 
     async def _all_gone(self, within_s: float) -> None:

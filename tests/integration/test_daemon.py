@@ -289,6 +289,7 @@ async def flood(rig: Rig) -> None:
 async def test_stopped_readers_hold_up_nobody_and_are_counted(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     rig = Rig(tmp_path)
+    rig.terminal_closes = True
     sentences = ["GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA", "GST", "PUNAV"]
     link = {"type": "tcp", "port": port}
     server = {"type": "nmea", "link": link, "sentences": sentences, "rate_hz": 100}
