@@ -33,7 +33,8 @@ def in_doubt_s(missing_s: float) -> float:
 
     What is then taken for the present is so much older.  # (M.177)
     """
-    return float((3.0 * (SWAY_TURN / TURN_WALK * missing_s) ** 2) ** (1.0 / 3.0))
+    late_s = float((3.0 * (SWAY_TURN / TURN_WALK * missing_s) ** 2) ** (1.0 / 3.0))
+    return max(missing_s, late_s)
 
 
 class Frames:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gateway.ingest.uncounted import in_doubt_s
 from gateway.nav.lie import exp_so3
 from tests.gateway.test_ingest import ANGLE, PERIOD_NS, T0, imu, sample, taken
 
@@ -99,3 +100,5 @@ def test_what_is_lost_stays_bridged():
     assert t_ns[-1] == pytest.approx(T0 + (FRAMES - 1) * PERIOD_NS, abs=1_000)
     (m,) = rows[rows[:, 7] > 0.0, 7]
     assert 0.05 * np.sqrt(m**3 / 3.0) == pytest.approx(0.06 * 0.1)
+    assert in_doubt_s(0.0) == 0.0
+    assert in_doubt_s(20.0) == 20.0
