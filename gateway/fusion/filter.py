@@ -9,24 +9,13 @@ from numpy.typing import NDArray
 
 from gateway.engine import Track
 from gateway.fusion import robust, target
-from gateway.fusion.kalman import (
-    Linearised,
-    innovation_covariance,
-    normalised_square,
-    update,
-)
+from gateway.fusion.errors import FAMILY
+from gateway.fusion.kalman import Linearised, innovation_covariance, normalised_square, update
 from gateway.fusion.observation import Model, observe, place, settled
+from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
-from gateway.messages import (
-    BottomVelocity,
-    Component,
-    Fix,
-    Innovation,
-    UsblFix,
-    VelocityFix,
-    Verdict,
-)
+from gateway.messages import BottomVelocity, Fix, Innovation, UsblFix, VelocityFix, Verdict
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -54,6 +43,8 @@ KNOWN_HEADING_SD = np.radians(5.0)
 """A heading known worse is nothing to go by, and fixes are used with care."""
 GATE_MAX_HEADING_SD = np.radians(30.0)
 """The gate stays open while it is known worse than this: it would lock out good fixes."""
+DRIFT = FAMILY["additive"]
+"""The error that a place has after long without fixes: it was not turned by that of the heading."""
 MISSING = 7
 """Column of the samples that says for how long (s) a sample stands in for lost ones."""
 LONG_GAP_S = 2.0
@@ -167,7 +158,8 @@ class Filter:
         if fix.beacon in self.model.targets:
             return self._sight(fix, track)
         own = settled(self.model, self.memory.state, fix)
-        z = own if isinstance(own, str) else self._observe(own, track)
+        found = None if isinstance(own, str) else self._found(own, track)
+        z = found or (own if isinstance(own, str) else self._observe(own, track))
         if isinstance(own, str) or isinstance(z, str):
             return self._refuse(fix, str(z))
         fix = own
@@ -179,12 +171,15 @@ class Filter:
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open(fix))
         quality = self._judge(fix, nis, len(z.residual))
-        if accepted:
+        if accepted and found is not None:
+            update(self.memory.state, found, DRIFT, self.origin_e)
+            self._count_used(fix)
+        elif accepted:
             self._use(z, S, nis, fix, track)
         else:
             self._doubt(fix, z)
         reason = "" if accepted else "gate"
-        components = _components(z, S)
+        components = components_of(z, S)
         return Innovation(
             fix.t_ns, fix.device, fix.beacon, components, nis, accepted, reason, quality
         )
@@ -198,6 +193,21 @@ class Filter:
         return found or Innovation(
             fix.t_ns, fix.device, fix.beacon, (), float("nan"), False, "target"
         )
+
+    def _found(self, fix: Fix, track: Track) -> Linearised | None:
+        """The place that a fix gives where that, and not the heading, is lost.  # (M.140)
+
+        Angles from a place that is far off are not linear, and the gate would refuse them.
+        """
+        if self._lost_at(fix) is None or not self.knows_heading():
+            return None
+        return place(replace(self.model, error=DRIFT), self.memory.state, fix, track)
+
+    def _lost_at(self, fix: Fix) -> float | None:
+        """Range (m) of a fix that tells of a place of which far less is known."""
+        sound = fix.slant_range if isinstance(fix, UsblFix) else None
+        far = sound is not None and _is_far(self.memory.state.P[POS, POS], sound)
+        return sound if far else None
 
     def _observe(self, fix: Fix, track: Track) -> Linearised | str:
         """Linearise a fix with the noise that its device has shown."""
@@ -224,17 +234,26 @@ class Filter:
             self._update_along(_weakened(z, weakening), fix, track)
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
+        self._count_used(fix)
+
+    def _count_used(self, fix: Fix) -> None:
+        """Count a used fix, towards the end of a lock-out too."""
+        memory = self.memory
         memory.used += 1
         memory.aided = True
-        if fix.locates:
-            memory.t_used_ns = fix.t_ns
-            memory.velocity_refused.clear()
-            self._trust(locked_out)
+        if not fix.locates:
+            return
+        memory.t_used_ns = fix.t_ns
+        memory.velocity_refused.clear()
+        if memory.refused_in_a_row > LOCK_OUT:
+            memory.refused_in_a_row = min(memory.refused_in_a_row, LOCK_OUT + FREED) - 1
+        if memory.refused_in_a_row <= LOCK_OUT:
+            memory.refused_in_a_row = 0
 
     def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update in small parts, each linearised anew; or by the place alone.  # (M.36)"""
-        sound = fix.slant_range if isinstance(fix, UsblFix) else None
-        if sound is not None and _is_far(self.memory.state.P[POS, POS], sound):
+        sound = self._lost_at(fix)
+        if sound is not None:
             found = place(self.model, self.memory.state, fix, track)
             if found is not None:
                 self._take_place(found, sound)
@@ -286,14 +305,6 @@ class Filter:
     def _update(self, z: Linearised) -> None:
         """Correct the state."""
         update(self.memory.state, z, self.model.error, self.origin_e)
-
-    def _trust(self, locked_out: bool) -> None:
-        """Count a used fix towards the end of a lock-out."""
-        memory = self.memory
-        if locked_out:
-            memory.refused_in_a_row = min(memory.refused_in_a_row, LOCK_OUT + FREED) - 1
-        if memory.refused_in_a_row <= LOCK_OUT:
-            memory.refused_in_a_row = 0
 
     def _doubt(self, fix: Fix, z: Linearised) -> None:
         """Count a refused fix and free a filter that is locked out.  # (M.37)
@@ -361,9 +372,8 @@ class Filter:
         """Whether heading or place are too uncertain for a linearised gate to be just."""
         if self.knows_heading():
             return False
-        sound = fix.slant_range if isinstance(fix, UsblFix) else None
-        lost = sound is not None and _is_far(self.memory.state.P[POS, POS], sound)
-        return bool(lost or self._heading_variance() > GATE_MAX_HEADING_SD**2)
+        lost = self._lost_at(fix) is not None
+        return lost or self._heading_variance() > GATE_MAX_HEADING_SD**2
 
     def _refuse(self, fix: Fix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""
@@ -379,12 +389,3 @@ def _is_far(P: Array, slant_range: float) -> bool:
 def _weakened(z: Linearised, parts: float) -> Linearised:
     """The measurement with so much noise that `parts` of it weigh as much as the whole."""
     return replace(z, R=z.R * parts)
-
-
-def _components(z: Linearised, S: Array) -> tuple[Component, ...]:
-    """Rows of an innovation in edge units: measured minus predicted, degrees and metres."""
-    out = []
-    for name, residual, variance in zip(z.names, z.residual, S.diagonal(), strict=True):
-        unit = np.degrees(1.0) if name.endswith("_deg") else 1.0
-        out.append(Component(name, float(-residual * unit), float(np.sqrt(variance) * unit)))
-    return tuple(out)

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.initial import DEG_H, UG
+from gateway.fusion.kalman import Linearised
 from gateway.fusion.state import ATT, BG, State
-from gateway.messages import Calibration, Constant, NavSolution
+from gateway.messages import Calibration, Component, Constant, NavSolution
 from gateway.modes import Mode
 from gateway.nav.attitude import euler_error_map, euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -88,3 +89,12 @@ def calibration_covariance(state: State) -> tuple[list[str], Array]:
         "heading_deg",
         *(name for name, _ in constants),
     ], A @ state.P @ A.T
+
+
+def components_of(z: Linearised, S: Array) -> tuple[Component, ...]:
+    """Rows of an innovation in edge units: measured minus predicted, degrees and metres."""
+    out = []
+    for name, residual, variance in zip(z.names, z.residual, S.diagonal(), strict=True):
+        unit = np.degrees(1.0) if name.endswith("_deg") else 1.0
+        out.append(Component(name, float(-residual * unit), float(np.sqrt(variance) * unit)))
+    return tuple(out)

@@ -41,7 +41,7 @@ def spun(b_e, origin_e):
     return np.concatenate([down, np.zeros(3), np.cross(b_e - origin_e, down)])
 
 
-def squared_error(error, rng, off_m, use):
+def squared_error(error, rng, off_m, use, sigma_m=SIGMA_M):
     """Normalised square of the position's error after one fix from `off_m` beside the beacon."""
     known, fresh = model(error)
     b_e, array = known.beacons["1"].r_e, known.arrays["usbl0"]
@@ -50,9 +50,9 @@ def squared_error(error, rng, off_m, use):
     azimuth = rng.uniform(0.0, 2.0 * np.pi)
     beside = np.array([off_m * np.cos(azimuth), off_m * np.sin(azimuth), -DEPTH_M])
     r_true = b_e + C_eb @ beside
-    wrong = C_eb @ (SIGMA_M * rng.standard_normal(3))
+    wrong = C_eb @ (sigma_m * rng.standard_normal(3))
     P = np.diag(np.full(len(fresh.P), 1e-12))
-    P[POS, POS] = C_eb @ np.diag(SIGMA_M**2) @ C_eb.T
+    P[POS, POS] = C_eb @ np.diag(sigma_m**2) @ C_eb.T
     state = State.at(C_eb, np.zeros(3), r_true + wrong, P, fresh.columns)
     r_u = array.geometry.C_bu.T @ -beside
     elevation, bearing = angles(tuple(r_u)) + array.sigma[:2] * rng.standard_normal(2)
@@ -83,6 +83,20 @@ def test_the_claim_holds_where_the_fix_bends(error, off_m):
     assert low < total[looked_at_again] < high
     if off_m < 50.0:
         assert total[looked_at_once] > 10.0 * high
+
+
+@pytest.mark.parametrize("error", ["right_invariant", "left_invariant", "additive"])
+def test_the_claim_holds_where_the_place_is_lost_and_the_heading_is_not(error):
+    """Ten minutes without a fix: kilometres off, and the first one is 60 m from its beacon."""
+    rng, sigma_m = np.random.default_rng(5), np.array([2500.0, 2500.0, 2000.0])
+
+    def applied(filter_, fix):
+        assert filter_.knows_heading()
+        assert filter_.apply(fix, None).accepted
+
+    total = sum(squared_error(error, rng, 60.0, applied, sigma_m) for _ in range(DRAWS))
+    low, high = scipy.stats.chi2.ppf([0.001, 0.999], 3 * DRAWS)
+    assert low < total < high
 
 
 def test_a_fix_that_bends_says_nothing_of_the_heading_about_its_beacon():
