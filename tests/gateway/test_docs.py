@@ -4,6 +4,7 @@ import argparse
 import ast
 import contextlib
 import io
+import os
 import re
 import shlex
 import shutil
@@ -14,8 +15,11 @@ from typing import Any
 import pytest
 import yaml
 
+from gateway import cli
 from gateway.arguments import command_line
 from gateway.config import load
+from gateway.errors import ConfigError
+from gateway.linktext import read_link
 from tests.shared_data import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -115,14 +119,31 @@ def _simple(words: list[str], *, whole: bool) -> list[str]:
 
 def _ours(arguments: list[str], *, whole: bool) -> list[str]:
     said = io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+    with (
+        contextlib.redirect_stderr(said),
+        contextlib.redirect_stdout(io.TextIOWrapper(io.BytesIO())),
+    ):
         try:
-            command_line().parse_args(arguments)
+            parsed = command_line().parse_args(arguments)
+            if whole and parsed.command == "decode":
+                return _decode(parsed)
         except SystemExit as ended:
             if ended.code:
                 fault = said.getvalue().splitlines()[-1]
                 return [] if ABRIDGED.search(fault) and not whole else [fault]
     return []
+
+
+def _decode(parsed: argparse.Namespace) -> list[str]:
+    """The link is one, and codec and options decode nothing at all without a complaint."""
+    try:
+        if parsed.link is not None:
+            read_link(parsed.link, "--link")
+    except ConfigError as error:
+        return error.faults
+    options = [word for pair in parsed.options for word in ("-o", pair)]
+    code = cli.main(["decode", "--codec", parsed.codec, *options, os.devnull])
+    return [] if code == 0 else [f"decode: exit code {code}"]
 
 
 def _of_checkout(words: list[str]) -> list[str]:
@@ -163,6 +184,8 @@ def test_a_command_that_is_not_there_is_named() -> None:
     assert "required: -c" in faults("usblnav run", whole=True)[0]
     assert faults("python -m tests.soak --hours 3", whole=True) == ["tests.soak: no option --hours"]
     assert faults("pytest tests/no.py", whole=True) == ["tests/no.py: no such file"]
+    assert faults("usblnav decode --codec stim300 --link tty:x", whole=True)
+    assert faults("usblnav decode --codec stim300 -o gyro=x --link udp:1", whole=True)
     assert faults("make all", whole=True) == ["nothing checks make"]
     assert len(COMMANDS) > 50
 
