@@ -32,6 +32,16 @@ WIDTH = 9.6
 DAY_S = 86_400.0
 _MODES = {"aided": "#d7efdc", "dead_reckoning": "#fdf1c7", "aligning": "#dde3ea"}
 """Background by mode; any other is red."""
+_TIMES = ["%Y", "%b", "%b %d", "%H:%M", "%H:%M", "%H:%M:%S"]
+"""Labels of ticks that are years, months, days, hours, minutes, seconds apart."""
+
+
+class _Plain(LogFormatter):
+    """Names the same ticks, without powers of ten."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Name of a tick, or nothing."""
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def draw(source: Source) -> dict[str, tuple[str, str]]:
@@ -136,7 +146,7 @@ def sigmas(source: Source) -> Figure:
         axis.set_ylabel(label)
         axis.set_yscale("log")
         axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.4)))
+        axis.yaxis.set_minor_formatter(_Plain(minor_thresholds=(1.5, 0.4)))
         _shade(axis, t, source.nav.modes)
     seen = [mode for mode in Mode if mode in source.nav.modes]
     swatches = [Patch(color=_colour(mode), label=mode.value.replace("_", " ")) for mode in seen]
@@ -238,9 +248,10 @@ def _stack(count: int, source: Source, height: float = 1.7) -> tuple[Figure, Seq
 
 def _utc(axis: Axes, ticks: int) -> None:
     """Time of the day along the axis; midnight has its date."""
-    locator = AutoDateLocator(tz=UTC, maxticks=ticks)
+    locator = AutoDateLocator(tz=UTC, minticks=2, maxticks=ticks)
+    words = ConciseDateFormatter(locator, tz=UTC, formats=_TIMES, show_offset=False)
     axis.xaxis.set_major_locator(locator)
-    axis.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=UTC, show_offset=False))
+    axis.xaxis.set_major_formatter(words)
 
 
 def _fixes(source: Source) -> dict[str, tuple[Innovations, int]]:

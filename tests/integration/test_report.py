@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from html.parser import HTMLParser
@@ -21,6 +22,7 @@ from gateway import cli, replay, report
 from gateway.config import load
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
+from gateway.report import figures
 from tests.gateway.emulated import demo_data, make
 from tests.integration.rig import USBLNAV
 from tests.shared_data import ROOT
@@ -42,6 +44,32 @@ def voyage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config.write_text(yaml.safe_dump(twin.gateway_config(scenario)))
     replay.run([folder / "sea.pcap"], load(config), out=folder / "OUT", rate_hz=5.0)
     return folder
+
+
+@pytest.fixture(scope="module")
+def plain(voyage: Path) -> str:
+    """Its page."""
+    return report.text(report.read(voyage / "OUT"))
+
+
+@pytest.fixture(scope="module")
+def fuller(voyage: Path) -> tuple[report.Source, str]:
+    """The same voyage with a target that was followed, and an attitude that was sought."""
+    out = voyage / "FULLER"
+    shutil.copytree(voyage / "OUT", out)
+    with (out / "targets.csv").open("w") as file:
+        table = csv.writer(file)
+        table.writerow(["t_s", "name", "state", "lat_deg", "lon_deg"])
+        table.writerows([k, "rov", "tracked", 39.8 + k * 1e-5, 116.2] for k in range(5))
+        table.writerow([5, "rov", "lost", 45.0, 116.2])
+    with (out / "innovations.csv").open("a") as file:
+        table = csv.writer(file)
+        table.writerow([1_700_000_000, "imu0", "", "", "", "", "", 0, "level_turning"])
+        for name, value in (("roll", -0.001), ("pitch", 1.34), ("heading", 24.79)):
+            row = [1_700_000_030, "imu0", "", f"{name}_deg", value, 0.04, "", 1, ""]
+            table.writerow(row)
+    source = report.read(out)
+    return source, report.text(source)
 
 
 class Page(HTMLParser):
@@ -105,16 +133,15 @@ def places(text: str, what: str) -> list[int]:
     return [at for at in range(len(text)) if text.startswith(what, at)]
 
 
-def test_the_same_replay_gives_the_same_page(voyage: Path) -> None:
-    page = report.text(report.read(voyage / "OUT"))
-    assert report.text(report.read(voyage / "OUT")) == page
-    assert "errors" not in Page(page).figures
+def test_the_same_replay_gives_the_same_page(voyage: Path, plain: str) -> None:
+    assert report.text(report.read(voyage / "OUT")) == plain
+    assert "errors" not in Page(plain).figures
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-def test_a_browser_complains_of_nothing_and_asks_for_nothing(voyage: Path, tmp_path: Path) -> None:
+def test_a_browser_complains_of_nothing_and_asks_for_nothing(plain: str, tmp_path: Path) -> None:
     log = tmp_path / "net.json"
-    report.write(report.read(voyage / "OUT"), tmp_path / "page.html")
+    (tmp_path / "page.html").write_text(plain, encoding="utf-8")
     serve = partial(SimpleHTTPRequestHandler, directory=tmp_path)
     with ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
         Thread(target=server.serve_forever, daemon=True).start()
@@ -171,24 +198,23 @@ def test_what_cannot_be_shown_is_named(
     assert said.format(**named) in capsys.readouterr().err
 
 
-def test_what_was_followed_is_in_the_track(voyage: Path, tmp_path: Path) -> None:
-    out = tmp_path / "OUT"
-    shutil.copytree(voyage / "OUT", out)
-    alone = report.text(report.read(out))
-    with (out / "targets.csv").open("w") as file:
-        table = csv.writer(file)
-        table.writerow(["t_s", "name", "state", "lat_deg", "lon_deg"])
-        table.writerows([k, "rov", "tracked", 39.8 + k * 1e-5, 116.2] for k in range(5))
-        table.writerow([5, "rov", "lost", 45.0, 116.2])
-    source = report.read(out)
+def test_what_was_followed_is_in_the_track(fuller: tuple[report.Source, str], plain: str) -> None:
+    source, page = fuller
     assert np.isfinite(source.targets["rov"]).all(axis=1).tolist() == [True] * 5 + [False]
-    page = report.text(source)
     assert "target rov" in page
-    assert "target rov" not in alone
+    assert "target rov" not in plain
 
 
-def test_times_are_of_the_clock_and_metres_of_a_stated_place(voyage: Path) -> None:
-    page = Page(report.text(report.read(voyage / "OUT")))
+def test_what_the_imu_found_stands_in_a_table(fuller: tuple[report.Source, str]) -> None:
+    source, page = fuller
+    assert {device for device, _ in source.innovations} == {"usbl0"}
+    said = Page(page).text
+    assert "22:13:20---level_turning" in said
+    assert "22:13:500.00 ± 0.04 deg1.34 ± 0.04 deg24.79 ± 0.04 degused" in said
+
+
+def test_times_are_of_the_clock_and_metres_of_a_stated_place(voyage: Path, plain: str) -> None:
+    page = Page(plain)
     with (voyage / "OUT" / "nav.csv").open() as file:
         nav = list(csv.DictReader(file))
     day = datetime.fromtimestamp(float(nav[0]["t_s"]), UTC)
@@ -197,17 +223,16 @@ def test_times_are_of_the_clock_and_metres_of_a_stated_place(voyage: Path) -> No
     assert f"in metres from {lat:.6f}° N, {lon:.6f}° E" in page.text
 
 
-def test_what_the_imu_found_stands_in_a_table(voyage: Path, tmp_path: Path) -> None:
-    out = tmp_path / "OUT"
-    shutil.copytree(voyage / "OUT", out)
-    with (out / "innovations.csv").open("a") as file:
-        table = csv.writer(file)
-        table.writerow([1_700_000_000, "imu0", "", "", "", "", "", 0, "level_turning"])
-        for name, value in (("roll", -0.001), ("pitch", 1.34), ("heading", 24.79)):
-            row = [1_700_000_030, "imu0", "", f"{name}_deg", value, 0.04, "", 1, ""]
-            table.writerow(row)
-    source = report.read(out)
-    assert {device for device, _ in source.innovations} == {"usbl0"}
-    said = Page(report.text(source)).text
-    assert "22:13:20---level_turning" in said
-    assert "22:13:500.00 ± 0.04 deg1.34 ± 0.04 deg24.79 ± 0.04 degused" in said
+@pytest.mark.parametrize("seconds", [1, 7, 40, 100, 240, 1000, 4000, 40_000, 200_000])
+def test_a_run_of_any_length_has_its_hours(voyage: Path, seconds: int) -> None:
+    source = report.read(voyage / "OUT")
+    begin = 1_795_390_000.0
+    t_s = begin + np.linspace(0.0, seconds, len(source.nav["t_s"]))
+    nav = replace(source.nav, columns=source.nav.columns | {"t_s": t_s})
+    figure = figures.motion(replace(source, nav=nav))
+    axis = figure.axes[-1]
+    figure.canvas.draw()
+    labels = [label.get_text() for label in axis.get_xticklabels()]
+    assert 2 <= len(labels) <= 12
+    hours = re.compile(r"\d\d:\d\d(:\d\d)?|[A-Z][a-z]{2} \d\d")
+    assert [text for text in labels if not hours.fullmatch(text)] == []
