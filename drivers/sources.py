@@ -1,10 +1,8 @@
-"""The addresses of a UDP link: which senders it admits, which of them make no sense."""
+"""Which senders a UDP link admits."""
 
 import ipaddress
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import lru_cache
-
-from drivers.settings import UdpLink
 
 
 def source_filter(allow: Iterable[str]) -> Callable[[str | bytes], bool]:
@@ -37,21 +35,3 @@ def source_filter(allow: Iterable[str]) -> Callable[[str | bytes], bool]:
         return any((mapped or sender) in network for network in networks)
 
     return admits
-
-
-def address_faults(settings: UdpLink) -> Iterator[tuple[str, str]]:
-    """What is wrong with the addresses of a link, as pairs of key and complaint."""
-    for n, entry in enumerate(settings.allow):
-        try:
-            ipaddress.ip_network(entry, strict=False)
-        except ValueError:
-            yield f"allow[{n}]", f'expected an address or a network, got "{entry}"'
-    if settings.group is not None and not _is_multicast(settings.group):
-        yield "group", f'expected a multicast address, got "{settings.group}"'
-
-
-def _is_multicast(text: str) -> bool:
-    try:
-        return ipaddress.ip_address(text).is_multicast
-    except ValueError:
-        return False
