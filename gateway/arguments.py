@@ -149,6 +149,11 @@ def _add_replay(commands: Any) -> None:
         default="auto",
         help="what the captures are (default: auto, by their first bytes)",
     )
+    _add_filters(parser)
+    _add_json(parser, "the summary")
+
+
+def _add_filters(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--filters",
         type=_filters,
@@ -162,7 +167,6 @@ def _add_replay(commands: Any) -> None:
         action="store_true",
         help="make each solution from all measurements, the later ones too",
     )
-    _add_json(parser, "the summary")
 
 
 def _add_export(commands: Any) -> None:

@@ -209,11 +209,11 @@ def _targets(path: Path) -> dict[str, Array]:
     return {name: np.array(places) for name, places in table.items()}
 
 
-def _errors(nav: Navigation, truth: Path) -> Errors:
-    """Compare with a truth file of the emulator."""
+def _truth(truth: Path) -> dict[str, Array]:
+    """Read the columns (k,) of a truth file of the emulator."""
     try:
         rows = _rows(truth)
-        columns = [np.array([float(row[name]) for row in rows]) for name in TruthRow._fields]
+        return {name: np.array([float(row[name]) for row in rows]) for name in TruthRow._fields}
     except OSError as error:
         raise ConfigError([f"{truth}: {(error.strerror or str(error)).lower()}"]) from error
     except KeyError as error:
@@ -222,10 +222,13 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
         raise ConfigError([f"{truth}: {_NO_TRUTH}: no text"]) from error
     except (TypeError, ValueError, csv.Error) as error:
         raise ConfigError([f"{truth}: {_NO_TRUTH}: {error}"]) from error
-    true = dict(zip(TruthRow._fields, columns, strict=True))
-    t_s = nav["t_s"]
+
+
+def _errors(nav: Navigation, truth: Path) -> Errors:
+    """Compare with a truth file of the emulator."""
+    true, t_s = _truth(truth), nav["t_s"]
     inside = np.zeros(len(t_s), dtype=np.bool_)
-    if len(rows) > 1:
+    if len(true["t_s"]) > 1:
         inside = (t_s >= true["t_s"][0]) & (t_s <= true["t_s"][-1])
     if not inside.any():
         raise ConfigError([f"{truth}: its times and those of nav.csv do not overlap"])

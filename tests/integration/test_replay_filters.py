@@ -62,6 +62,13 @@ def beside(sea: Sea, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, st
     return out, sea.replayed(out, "--filters", ",".join(NAMES))
 
 
+@pytest.fixture(scope="module")
+def smoothed(sea: Sea, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("smoothed")
+    sea.replayed(out, "--smooth")
+    return out
+
+
 def test_each_filter_writes_its_own_files(beside: tuple[Path, str]) -> None:
     out, _ = beside
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
@@ -101,25 +108,22 @@ def test_the_configuration_it_ran_with_is_one(beside: tuple[Path, str]) -> None:
     assert load(beside[0] / "loose" / "config.yaml").filter.coupling == "loose"
 
 
-def test_the_smoother_beats_the_filter(sea: Sea, beside: tuple[Path, str], tmp_path: Path) -> None:
-    sea.replayed(tmp_path, "--smooth")
+def test_the_smoother_beats_the_filter(sea: Sea, beside: tuple[Path, str], smoothed: Path) -> None:
     filtered = sea.errors(beside[0] / "right_invariant").rms(START)
-    smoothed = sea.errors(tmp_path).rms(START)
+    after = sea.errors(smoothed).rms(START)
     for name in ("horizontal", "vertical"):
-        assert smoothed[name] < 0.6 * filtered[name], name
+        assert after[name] < 0.6 * filtered[name], name
 
 
-def test_the_smoothed_sigmas_hold(sea: Sea, tmp_path: Path) -> None:
+def test_the_smoothed_sigmas_hold(sea: Sea, beside: tuple[Path, str], smoothed: Path) -> None:
     """Smaller than the filter's everywhere but at the end, and larger than a third of the error."""
-    sea.replayed(tmp_path / "smoothed", "--smooth")
-    sea.replayed(tmp_path / "filtered")
-    smoothed, filtered = (read(tmp_path / name / "nav.csv") for name in ("smoothed", "filtered"))
-    inside = smoothed["t_s"] < START + 70.0
+    after, before = read(smoothed / "nav.csv"), read(beside[0] / "right_invariant" / "nav.csv")
+    inside = after["t_s"] < START + 70.0
     for sd in ("sd_n_m", "sd_e_m", "sd_heading_deg"):
-        assert (smoothed[sd][inside] <= filtered[sd][inside] + 1e-4).all(), sd
-    found = sea.errors(tmp_path / "smoothed")
+        assert (after[sd][inside] <= before[sd][inside] + 1e-4).all(), sd
+    found = sea.errors(smoothed)
     for error, sd in ((found.north, "sd_n_m"), (found.east, "sd_e_m"), (found.up, "sd_d_m")):
-        assert (np.abs(error) < 4.0 * smoothed[sd][: len(error)]).all(), sd
+        assert (np.abs(error) < 4.0 * after[sd][: len(error)]).all(), sd
 
 
 def test_a_start_that_finds_its_attitude_is_smoothed_too(sea: Sea, tmp_path: Path) -> None:
@@ -164,11 +168,10 @@ def test_who_waits_is_told_how_far_it_is(
         assert shares[-1] == 1.0
 
 
-def test_smoothing_twice_gives_the_same_bytes(sea: Sea, tmp_path: Path) -> None:
-    for name in ("once", "again"):
-        sea.replayed(tmp_path / name, "--smooth")
+def test_smoothing_twice_gives_the_same_bytes(sea: Sea, smoothed: Path, tmp_path: Path) -> None:
+    sea.replayed(tmp_path, "--smooth")
     for name in FILES:
-        assert (tmp_path / "once" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+        assert (tmp_path / name).read_bytes() == (smoothed / name).read_bytes()
 
 
 @pytest.mark.parametrize(
