@@ -351,6 +351,7 @@ class Health:
             _log.warning("the gateway stood still for %.1f s: stopped, or starved", stood_s)
             for line in self._lines:
                 line.stood_still(stood_s)
+            self.plausibility.start_over()
         for line in self._lines:
             line.watch(now)
             self._losses.watch(f"{line.name}: the system's buffer", line.link.kernel_dropped, now)

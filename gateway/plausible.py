@@ -111,6 +111,10 @@ class Plausibility:
         elif innovation.reason == "unknown_beacon":
             self._strange[device] = innovation.beacon
 
+    def start_over(self) -> None:
+        """Judge no rate by a window in which nobody listened, nor by what came of it at once."""
+        self._at = None
+
     def look(self, now: float) -> None:
         """Judge the window that ends, if one does."""
         if self._at is not None and now - self._at < WINDOW_S:

@@ -20,7 +20,7 @@ _UINT32 = struct.Struct("@I")
 ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_UINT32.size)
 
 LONGEST_WAIT_NS = 10_000_000_000
-"""Nothing waits longer in a socket: an older stamp means a step that nobody saw."""
+"""Nothing waits longer in a socket that is read: an older stamp means a step that nobody saw."""
 STEP_NS = 1_000_000
 FASTEST_SLEW = 1e-3
 """Offsets that change by more than STEP_NS and this fraction of the time between leapt."""
@@ -44,6 +44,11 @@ class MonotonicStamps:
         self._now, self._offset = _read_clocks()
         self._earlier = self._offset
         self._stepped_at = self._now - LONGEST_WAIT_NS
+        self._empty_at: int | None = None
+
+    def emptied(self) -> None:
+        """Note that nothing waits in the socket: what comes next is no older than this."""
+        self._empty_at = time.monotonic_ns()
 
     def of(self, ancillary: Ancillary) -> int:
         """Receive time by the control messages of one `recvmsg`; without a stamp, now."""
@@ -65,7 +70,10 @@ class MonotonicStamps:
         ages = [now + offset - stamp_ns]
         if now - self._stepped_at < LONGEST_WAIT_NS:
             ages.append(now + self._earlier - stamp_ns)
-        possible = [age for age in ages if -STEP_NS <= age <= LONGEST_WAIT_NS]
+        longest = LONGEST_WAIT_NS
+        if self._empty_at is not None:  # the process may have stood still
+            longest = max(longest, now - self._empty_at)
+        possible = [age for age in ages if -STEP_NS <= age <= longest]
         return now - max(min(possible, default=0), 0)
 
 

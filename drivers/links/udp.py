@@ -120,6 +120,7 @@ class _Listener:
                     MAX_DATAGRAM, ANCILLARY_BYTES
                 )
             except BlockingIOError:
+                self._stamps.emptied()
                 return
             except OSError as error:
                 self._lose(error)

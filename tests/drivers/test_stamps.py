@@ -104,3 +104,20 @@ def test_the_stamp_is_taken_from_the_control_messages() -> None:
     before = time.monotonic_ns()
     found = MonotonicStamps().of([(0, 0, b""), message])
     assert 0 <= before - found - 7 * MS + 2 * MS < 100 * MS
+
+
+@pytest.mark.parametrize("step_s", [0.0, 3.0])
+def test_what_came_while_the_process_stood_still_keeps_its_times(
+    clocks: Clocks, step_s: float
+) -> None:
+    made = MonotonicStamps()
+    made.emptied()
+    waited = []
+    for _ in range(30):
+        clocks.now += 1000 * MS
+        waited.append((clocks.time_ns(), clocks.now))
+    clocks.offset += round(step_s * 1e9)
+    assert [made.of_wall(stamped) for stamped, _ in waited] == [at for _, at in waited]
+    made.emptied()
+    clocks.now += MS
+    assert made.of_wall(clocks.time_ns() - 20_000 * MS) == clocks.now  # a step that nobody saw

@@ -131,6 +131,17 @@ def test_what_an_inertial_unit_cannot_feel(
     assert sea.plausibility.doubts == []
 
 
+def test_what_waited_while_the_gateway_stood_still_is_no_other_rate(
+    sea: Sea, said: Callable[[], list[str]]
+) -> None:
+    sea.feel(2)
+    sea.feel(1, rate_hz=40.0)  # little was read before it stood still
+    sea.plausibility.start_over()
+    sea.feel(1, rate_hz=1000.0)
+    sea.feel(2)
+    assert said() == []
+
+
 def test_bytes_that_are_of_another_format(sea: Sea, said: Callable[[], list[str]]) -> None:
     for _ in range(3):
         sea.usbl.feed(b"$PHTRO,1.1,M,2.2,B*55\r\n" * 10, 1)
