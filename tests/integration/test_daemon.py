@@ -133,16 +133,14 @@ async def test_an_imu_behind_a_terminal_server_survives_junk_and_a_reset(tmp_pat
             imu = rig.device("imu0")
             assert (imu["rejected_bytes"], imu["gaps"]) == (len(junk), 0)
             server.reset()
-            await rig.until("the loss", lambda: rig.said("imu0: "))
+            line = f"imu0: tcp {server.link['host']}:{server.link['port']}: "
+            (lost,) = await rig.until("the loss", lambda: rig.said(line))
             await rig.until("the recovery", lambda: rig.said("imu0: back after"))
             await rig.until("the gap", lambda: rig.device("imu0")["gaps"] == 1)
             seen = len(rig.navs)
             await rig.until("navigation", lambda: rig.navs[seen + 10 :] and rig.is_right())
-            place = f"tcp {server.link['host']}:{server.link['port']}"
-            assert rig.said("imu0: ")[0] == (
-                f"usblnav: imu0: {place}: connection reset by peer; trying until it is back"
-            )
-            assert len(rig.said("imu0: ")) == 2
+            assert lost == f"usblnav: {line}connection reset by peer; trying until it is back"
+            assert len(rig.said(line) + rig.said("imu0: back after")) == 2
 
 
 async def test_a_stranger_is_refused_and_a_taken_port_waited_for(tmp_path: Path) -> None:
