@@ -12,8 +12,8 @@ from drivers.settings import StdioLink
 from gateway import bootclock, realtime, statefile, systemd
 from gateway.clock import Clocks
 from gateway.config import Config, NmeaOutput, Output, doubts
+from gateway.filter_process.begun import Begun
 from gateway.filter_process.host import FilterHost
-from gateway.filter_process.launcher import Begun
 from gateway.health import Health, Line
 from gateway.ingest import intakes
 from gateway.journal import open_journal

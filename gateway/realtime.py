@@ -10,10 +10,12 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from gateway.config import Realtime
+if TYPE_CHECKING:
+    from gateway.config import Realtime
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 """Of Linux' mlockall(2); the last leaves out what was never touched, such as stacks of threads."""
@@ -27,7 +29,7 @@ class RealtimeStatus(msgspec.Struct, frozen=True):
     memory_locked: bool = False
 
 
-def enter(settings: Realtime) -> tuple[RealtimeStatus, list[str]]:
+def enter(settings: "Realtime") -> tuple[RealtimeStatus, list[str]]:
     """Take the priority and lock the memory that the configuration asks for.
 
     The calling thread gets it, and every thread that it starts from then on: call this before

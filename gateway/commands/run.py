@@ -1,13 +1,10 @@
-"""`usblnav run`: the daemon."""
+"""`usblnav run`: the daemon, and before all else its filter process, which takes longest."""
 
 import resource
 from argparse import Namespace
 
-from drivers.settings import StdioLink
-from gateway.config import Config, NmeaOutput, load
-from gateway.errors import ConfigError, UsblnavError
-from gateway.filter_process.launcher import begin
-from gateway.outputs.checks import output_faults
+from gateway.errors import UsblnavError
+from gateway.filter_process.begun import begin
 
 FILES, FEWEST_FILES = 1024, 256
 """Open files to ask for, and without which sockets fail one by one: Zenoh takes some 50."""
@@ -15,17 +12,14 @@ FILES, FEWEST_FILES = 1024, 256
 
 def run(arguments: Namespace) -> int:
     """Navigate until told to stop."""
-    config = load(arguments.config)
-    if faults := list(output_faults(config)):
-        raise ConfigError(faults, arguments.config)
-    on_stdout = arguments.nmea == "-"
-    if on_stdout and _writes_stdout(config):
-        raise ConfigError("--nmea -: standard output is already used by an output of the file")
     _ask_for_files()
     begun = begin()
-    from gateway import daemon  # meanwhile: both take a second to import what they need
+    try:
+        from gateway.commands import running  # meanwhile: both take a second to import all
 
-    daemon.run(config, nmea_stdout=on_stdout, cold=arguments.cold, begun=begun)
+        running.run(arguments, begun)
+    finally:
+        begun.end()
     return 0
 
 
@@ -39,10 +33,3 @@ def _ask_for_files() -> None:
     if permitted != unlimited and permitted < FEWEST_FILES:
         needed = f"{FEWEST_FILES} are needed (ulimit -n, LimitNOFILE= of the unit)"
         raise UsblnavError(f"{permitted} open files are permitted; {needed}")
-
-
-def _writes_stdout(config: Config) -> bool:
-    return any(
-        isinstance(output, NmeaOutput) and isinstance(output.link, StdioLink)
-        for output in config.outputs
-    )

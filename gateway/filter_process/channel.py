@@ -8,7 +8,6 @@ from gateway.config import Config
 from gateway.messages import Checkpoint, FilterOutput, Measurement, SavedState
 
 MAX_MESSAGE = 1 << 18
-BUFFER_BYTES = 1 << 20
 
 
 class Prepare(msgspec.Struct, frozen=True, array_like=True, tag="prepare"):
@@ -118,12 +117,3 @@ def read_in_worker(data: Message) -> ToWorker:
 def read_of_worker(data: Message) -> FilterOutput:
     """A message of the worker."""
     return _from_worker.decode(data)
-
-
-def pair() -> tuple[socket.socket, socket.socket]:
-    """Both ends of a channel: the host's, non-blocking, and the other's."""
-    host, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    for end in (host, other):
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-    host.setblocking(False)
-    return host, other

@@ -11,6 +11,7 @@ from contextlib import suppress
 import msgspec
 
 from gateway.config import Config
+from gateway.filter_process.begun import Begun
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
     Prepare,
@@ -19,7 +20,7 @@ from gateway.filter_process.channel import (
     read_of_worker,
     receive,
 )
-from gateway.filter_process.launcher import Begun, Launcher, Worker, ending
+from gateway.filter_process.launcher import Launcher, Worker, ending
 from gateway.filter_process.succession import Succession
 from gateway.messages import FilterOutput, Measurement, SavedState
 from gateway.timeline import LOOK_BACK_S

@@ -5,13 +5,10 @@ import logging
 import os
 import signal
 import socket
-import subprocess
-import sys
 from collections import deque
 from contextlib import suppress
-from typing import NamedTuple
 
-from gateway import realtime
+from gateway.filter_process.begun import Begun, begin
 from gateway.filter_process.channel import (
     MAX_MESSAGE,
     Born,
@@ -22,41 +19,17 @@ from gateway.filter_process.channel import (
     Ready,
     Start,
     encode,
-    pair,
     read_of_template,
 )
+from gateway.filter_process.pair import pair
 from gateway.filter_process.progress import Progress, shared
 
 RETRY_S = (0.0, 0.5, 1.0, 2.0, 5.0)
 """Waits before a template is started again that keeps dying before it is ready."""
 END_S = 1.0
 """How long a process may take to end by itself."""
-ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""The matrices are small; and only a process of a single thread may be forked safely."""
 
 _log = logging.getLogger(__name__)
-
-
-class Begun(NamedTuple):
-    """A template that waits for its orders."""
-
-    process: "subprocess.Popen[bytes]"
-    control: socket.socket
-
-
-def begin() -> Begun:
-    """Start a template: it imports what it needs, then waits. It ends with this process."""
-    ours, theirs = pair()
-    with theirs, realtime.ordinary():  # a worker takes its priority when it begins
-        process = subprocess.Popen(
-            [sys.executable, "-m", "gateway.filter_process", str(theirs.fileno())],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            env=os.environ | ONE_THREAD,
-            pass_fds=(theirs.fileno(),),
-            process_group=0,  # the terminal's Ctrl-C is for the daemon
-        )
-    return Begun(process, ours)
 
 
 class Worker:

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import msgspec
 
 from gateway.config import Config, Recording
-from gateway.filter_process.channel import MAX_MESSAGE, pair
+from gateway.filter_process.channel import MAX_MESSAGE
 from gateway.filter_process.launcher import ending
+from gateway.filter_process.pair import pair
 from gateway.health import HealthReport
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus

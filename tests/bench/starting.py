@@ -14,9 +14,9 @@ from gateway.filter_process.channel import (
     Prepare,
     Ready,
     encode,
-    pair,
     read_of_template,
 )
+from gateway.filter_process.pair import pair
 from tests.bench.replayed import Row, Source
 
 WARM_STARTS = 5

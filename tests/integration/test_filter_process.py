@@ -20,6 +20,7 @@ from gateway.messages import (
     UsblFix,
 )
 from tests.integration.hosted import RATE_HZ, Input, answers, encoded, hosted, last_nav, recorded
+from tests.integration.rig import session
 from tests.shared_data import ROOT
 
 pytestmark = pytest.mark.live
@@ -247,3 +248,17 @@ async def test_a_cold_start_is_told(
     async with hosted(given) as running:
         await running.until(lambda: "compiling the filter" in caplog.text)
         assert not running.host.status.ready
+
+
+def test_one_begun_for_a_configuration_that_is_wrong_is_gone_with_the_command(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "config.yaml").write_text("vehicle: 1\n")
+    command = [sys.executable, "-m", "gateway", "run", "-c", str(tmp_path / "config.yaml")]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, cwd=ROOT, start_new_session=True
+    ) as process:
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert said.startswith(bytes(tmp_path / "config.yaml"))
+    assert session(process.pid) == []
