@@ -4,6 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from itertools import accumulate, groupby, pairwise
 from operator import itemgetter
+from typing import Any
 
 import msgspec
 
@@ -70,3 +71,10 @@ def check_tiling(
             assert [record.data for record in held] == [stream[start:end]]
         elif alone:
             assert bare(held) == good(run(name, [stream[start:end]], options))
+
+
+def read(name: str, data: bytes, **options: Any) -> Record | Rejected:
+    """The one record that some bytes make."""
+    codec = registry.lookup(name)
+    (record,) = codec.decoder(codec.options(**options)).feed(data, 7)
+    return record
