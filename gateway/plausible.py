@@ -17,6 +17,8 @@ WINDOW_S = 5.0
 DOUBTED_AFTER, TRUSTED_AFTER = 2, 6
 """Windows in a row; those without evidence do not count."""
 REJECTED_SHARE = 0.9
+ENOUGH_BYTES = 200
+"""So many without a frame are not one that is still to be ended."""
 RATE_SHARE = 0.2
 """How far the rate of an inertial unit may be from the declared one."""
 GRAVITY_M_S2 = 9.8
@@ -88,6 +90,7 @@ class Plausibility:
 
     def __init__(self, intakes: Sequence[Intake]) -> None:
         self._intakes = intakes
+        self._rates: list[float] = []
         self._kinds = {name: kind for way in intakes for name, kind in way.kinds.items()}
         self._things: dict[tuple[str, str], _Thing] = {}
         self._at: float | None = None
@@ -113,7 +116,7 @@ class Plausibility:
 
     def start_over(self) -> None:
         """Judge no rate by a window in which nobody listened, nor by what came of it at once."""
-        self._at = None
+        self._at, self._rates = None, []
 
     def look(self, now: float) -> None:
         """Judge the window that ends, if one does."""
@@ -130,10 +133,14 @@ class Plausibility:
         counts = intake.counts
         came = self._more(intake.name, "bytes", counts.bytes)
         rejected = self._more(intake.name, "rejected", counts.rejected_bytes)
-        if came or rejected:
-            wrong = rejected > REJECTED_SHARE * came
+        total = sum(ingest.counts.records for ingest in intake.ingests.values())
+        records = self._more(intake.name, "records", total)
+        nothing = not records and came >= ENOUGH_BYTES  # junk may be rejected in lumps
+        if nothing or rejected or records:
+            wrong = nothing or rejected > REJECTED_SHARE * came
+            lost = came if nothing else min(rejected, came)
             text = (
-                f"{rejected} of {came} bytes make no frame of {intake.codec}:"
+                f"{lost} of {came} bytes make no frame of {intake.codec}:"
                 " its codec, options or baud rate?"
             )
             yield _Finding(intake.name, "format", text if wrong else "")
@@ -150,7 +157,9 @@ class Plausibility:
 
     def _of_imu(self, name: str, ingest: ImuIngest, rate_hz: float) -> Iterator[_Finding]:
         felt = ingest.felt.look()
-        if rate_hz:
+        before, self._rates = self._rates[-2:], [*self._rates[-2:], rate_hz]
+        if all(self._rates) and len(before) == 2:  # the middle one was whole: no cable was out
+            rate_hz = before[1]
             wrong = abs(rate_hz - ingest.rate_hz) > RATE_SHARE * ingest.rate_hz
             text = f"{rate_hz:.0f} samples a second, rate_hz says {ingest.rate_hz:g}"
             yield _Finding(name, "rate", text if wrong else "")

@@ -82,10 +82,12 @@ def _head(heard: Heard, beside: Sequence[str]) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(heard.vehicle, "bold")
     nav, status = heard.nav, heard.status
-    mode = nav.mode if nav else status.mode if status else None
+    is_old = nav is not None and status is not None and status.mode is Mode.INVALID
+    mode = nav.mode if nav and not is_old else status.mode if status else None
     if mode is not None:
         text.append(f"   {mode.value.replace('_', ' ').upper()}", _MODES[mode])
     if nav is not None:
+        text.append("   last solution" if is_old else "")
         text.append(f"   {datetime.fromtimestamp(nav.t_s, UTC):%Y-%m-%d %H:%M:%S} UTC")
     if status is not None:
         text.append(f"   up {_span(status.up_s)}", "dim")

@@ -104,6 +104,12 @@ def test_many_targets_leave_room_for_the_rest() -> None:
     assert any(line.startswith("output") for line in lines)
 
 
+def test_a_solution_that_is_over_does_not_stand_there_as_valid() -> None:
+    over = later(REPORT, 20.0, mode=Mode.INVALID)
+    head = shown(heard(("nav", NAV), ("status", over)), 80, 24)[0]
+    assert head.startswith("auv1   INVALID   last solution   2026-")
+
+
 def test_a_gateway_that_falls_silent_is_said_first() -> None:
     time = Time()
     found = heard(("nav", NAV), ("status", REPORT), time=time)

@@ -1,6 +1,7 @@
 """What devices say that cannot be right: said once, shown while it lasts, trusted again."""
 
 import math
+import random
 from collections.abc import Callable
 from typing import Any
 
@@ -125,10 +126,19 @@ def test_what_an_inertial_unit_cannot_feel(
     assert sea.plausibility.doubts == [Doubt("imu0", text)]
     sea.feel(TRUSTED_AFTER - 1)
     assert said() == []
-    sea.feel(1)
+    sea.feel(2)  # a rate is judged when the next window is there
     (again,) = said()
     assert again.endswith("is as it should be again")
     assert sea.plausibility.doubts == []
+
+
+def test_a_cable_that_is_pulled_is_no_other_rate(sea: Sea, said: Callable[[], list[str]]) -> None:
+    for _ in range(3):
+        sea.feel(2)
+        sea.feel(1, rate_hz=90.0)  # pulled
+        sea.look()
+        sea.feel(1, rate_hz=60.0)  # and plugged
+    assert said() == []
 
 
 def test_what_waited_while_the_gateway_stood_still_is_no_other_rate(
@@ -150,6 +160,17 @@ def test_bytes_that_are_of_another_format(sea: Sea, said: Callable[[], list[str]
     assert said() == [f"usbl0: {text}"]
     for _ in range(20):  # silence says nothing of the format
         assert sea.look() == [Doubt("usbl0", text)]
+
+
+def test_noise_that_is_rejected_in_lumps(sea: Sea, said: Callable[[], list[str]]) -> None:
+    noise = random.Random(7)
+    for _ in range(6):
+        for _ in range(20):
+            sea.imu.feed(noise.randbytes(36), 1)
+        sea.look()
+    assert said() == [
+        "imu0: 720 of 720 bytes make no frame of kvh1750: its codec, options or baud rate?"
+    ]
 
 
 def test_fixes_that_mostly_do_not_fit(sea: Sea, said: Callable[[], list[str]]) -> None:
