@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,8 @@ SLOPE_S = 240.0
 """Less time tells no slope."""
 BOUND = 5.0
 """Errors of so many sigma are no chance."""
+CALM_S = 5.0
+"""After so long without, they are of another cause."""
 COMPONENTS = ("north", "east", "down", "heading")
 
 
@@ -61,6 +64,17 @@ class Errors:
             self.worst[name] = max(self.worst[name], ratio)
             if ratio > BOUND:
                 self.beyond.append((nav.t_s, name, ratio))
+
+    def spells(self) -> Iterator[list[tuple[float, str, float]]]:
+        """The errors beyond the bound, those together that follow each other closely."""
+        spell: list[tuple[float, str, float]] = []
+        for error in self.beyond:
+            if spell and error[0] - spell[-1][0] > CALM_S:
+                yield spell
+                spell = []
+            spell.append(error)
+        if spell:
+            yield spell
 
 
 @dataclass
@@ -130,13 +144,14 @@ class Figures:
         for event in self.events:
             if event.back_s is None:
                 yield f"{event.what}: no true position afterwards"
-        if self.errors.beyond:
-            t_s, name, ratio = self.errors.beyond[0]
-            before = [event for event in self.events if event.t_s < t_s]
-            after = f", {t_s - before[-1].t_s:.1f} s after: {before[-1].what}" if before else ""
+        for spell in self.errors.spells():
+            (first_s, *_), (last_s, *_) = spell[0], spell[-1]
+            _, name, ratio = max(spell, key=itemgetter(2))
+            before = [event for event in self.events if event.t_s < first_s][-1:]
+            after = "".join(f", {first_s - e.t_s:.1f} s after: {e.what}" for e in before)
             yield (
-                f"{len(self.errors.beyond)} errors beyond {BOUND:g} sigma; the first of {ratio:.1f}"
-                f" ({name}) at {t_s:.1f}{after}"
+                f"{len(spell)} errors beyond {BOUND:g} sigma within {last_s - first_s:.1f} s, the"
+                f" worst of {ratio:.1f} ({name}), from {first_s:.1f} on{after}"
             )
 
 
