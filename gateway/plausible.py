@@ -157,9 +157,8 @@ class Plausibility:
 
     def _of_imu(self, name: str, ingest: ImuIngest, rate_hz: float) -> Iterator[_Finding]:
         felt = ingest.felt.look()
-        before, self._rates = self._rates[-2:], [*self._rates[-2:], rate_hz]
-        if all(self._rates) and len(before) == 2:  # the middle one was whole: no cable was out
-            rate_hz = before[1]
+        self._rates = [*self._rates[-2:], rate_hz]
+        if len(self._rates) == 3 and _alike(self._rates):  # no cable was out
             wrong = abs(rate_hz - ingest.rate_hz) > RATE_SHARE * ingest.rate_hz
             text = f"{rate_hz:.0f} samples a second, rate_hz says {ingest.rate_hz:g}"
             yield _Finding(name, "rate", text if wrong else "")
@@ -189,6 +188,11 @@ class Plausibility:
         for device, beacon in strange.items():
             text = f'hears beacon "{beacon}", of which the configuration does not know'
             yield _Finding(device, "beacon", "" if device in known else text)
+
+
+def _alike(rates_hz: Sequence[float]) -> bool:
+    """Whether a unit spoke, and steadily."""
+    return 0.0 < max(rates_hz) < (1.0 + RATE_SHARE) * min(rates_hz)
 
 
 def _of_gravity(x: float, y: float, z: float) -> str:

@@ -126,7 +126,7 @@ def test_what_an_inertial_unit_cannot_feel(
     assert sea.plausibility.doubts == [Doubt("imu0", text)]
     sea.feel(TRUSTED_AFTER - 1)
     assert said() == []
-    sea.feel(2)  # a rate is judged when the next window is there
+    sea.feel(3)  # a rate is judged by three windows that are alike
     (again,) = said()
     assert again.endswith("is as it should be again")
     assert sea.plausibility.doubts == []
@@ -138,6 +138,9 @@ def test_a_cable_that_is_pulled_is_no_other_rate(sea: Sea, said: Callable[[], li
         sea.feel(1, rate_hz=90.0)  # pulled
         sea.look()
         sea.feel(1, rate_hz=60.0)  # and plugged
+        sea.feel(1)
+        sea.feel(1, rate_hz=40.0)  # pulled for some seconds
+        sea.feel(1, rate_hz=50.0)
     assert said() == []
 
 
