@@ -46,7 +46,8 @@ def lines(report: HealthReport) -> Iterator[str]:
     granted = report.realtime
     priority = f"SCHED_FIFO {granted.priority}" if granted.priority else "ordinary"
     memory = "locked" if granted.memory_locked else "not locked"
-    yield f"scheduling: {priority}, memory {memory}"
+    wake = "" if granted.wake_us is None else f", cores awake in {granted.wake_us} us"
+    yield f"scheduling: {priority}, memory {memory}{wake}"
     if report.totals is not None:
         fixes = report.totals
         yield (

@@ -299,6 +299,8 @@ class Realtime(_Block, frozen=True):
     priority: Annotated[int, Meta(ge=1, le=98)] | None = None
     """Of SCHED_FIFO, for the daemon and the filter."""
     lock_memory: bool = False
+    wake_us: Annotated[int, Meta(ge=0, le=1_000_000)] | None = None
+    """Longest that an idle core may sleep on when it is wanted; 0 keeps cores awake."""
 
 
 class StateFile(_Block, frozen=True):

@@ -41,6 +41,8 @@ BEFORE_S, DURING_S, AFTER_S = 0.5, 0.05, 0.5
 """Around the arrival of each fix; the run again takes a few milliseconds of `DURING_S`."""
 SKIPPED_S = 5.0
 """At the beginning: the filter's first second, the receivers' first messages."""
+FULL_S = 180.0
+"""After which all that is kept for a time, two minutes at most, has come to its size."""
 QUANTILES = (0.5, 0.99, 0.999, 1.0)
 SHORT_S = 20.0
 
@@ -115,7 +117,7 @@ class Live:
         outputs = [nmea, {"type": "zenoh", "mode": "peer", "listen": listen, "rate_hz": rate_hz}]
         config = twin.gateway_config(scenario) | {"outputs": outputs}
         if self._fifo:
-            config["realtime"] = {"priority": self._fifo, "lock_memory": True}
+            config["realtime"] = {"priority": self._fifo, "lock_memory": True, "wake_us": 0}
         self._config = self._folder / "config.yaml"
         self._config.write_text(yaml.safe_dump(config))
         self._key = f"usblnav/{scenario.vehicle}/nav"
@@ -213,7 +215,7 @@ class Usage:
     def report(self) -> dict[str, Any]:
         """Share of a core; memory at start and end, and its slope once the history is full."""
         t, seconds, resident = np.array(self._looks).T
-        settled = t >= t[0] + min(60.0, (t[-1] - t[0]) / 2)
+        settled = t >= t[0] + min(FULL_S, (t[-1] - t[0]) / 2)
         slope = np.polyfit(t[settled], resident[settled], 1)[0] * 3600.0
         return {
             "process": self.name,

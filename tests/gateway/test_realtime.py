@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from gateway import realtime
+
 REFUSED = """
 import os, resource
 from gateway import realtime
@@ -15,8 +17,8 @@ resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))
 if os.getuid() == 0:
     os.setresuid(65534, 65534, 65534)
-status, complaints = realtime.enter(Realtime(priority=20, lock_memory=True))
-assert status == realtime.RealtimeStatus(0, False), status
+status, complaints = realtime.enter(Realtime(priority=20, lock_memory=True, wake_us=0))
+assert status == realtime.RealtimeStatus(0, False, None), status
 print("\\n".join(complaints))
 """
 
@@ -39,6 +41,19 @@ with realtime.ordinary():
     assert int(subprocess.check_output(child)) == os.SCHED_OTHER
 assert os.sched_getscheduler(0) == os.SCHED_FIFO
 assert os.sched_getparam(0).sched_priority == 20
+"""
+
+AWAKE = """
+import struct
+from gateway import realtime
+from gateway.config import Realtime
+def bound():
+    with open("/dev/cpu_dma_latency", "rb") as file:
+        return struct.unpack("i", file.read(4))[0]
+assert bound() > 20
+status, complaints = realtime.enter(Realtime(wake_us=20))
+assert (status.wake_us, complaints) == (20, []), (status, complaints)
+assert bound() == 20
 """
 
 NOTHING_ASKED = """
@@ -88,15 +103,23 @@ def may_be_punctual() -> bool:
 
 def test_what_is_refused_is_a_line_each_and_no_more() -> None:
     lines = run(REFUSED).splitlines()
-    assert len(lines) == 2
+    assert len(lines) == 3
     assert "realtime.priority: 20 is not permitted (LimitRTPRIO=" in lines[0]
     assert lines[1].startswith("realtime.lock_memory: ")
     assert "LimitMEMLOCK=" in lines[1]
+    assert lines[2].startswith("realtime.wake_us: /dev/cpu_dma_latency: ")
 
 
 @pytest.mark.skipif(not may_be_punctual(), reason="no permission for real-time scheduling")
 def test_what_is_granted_holds_for_threads_and_not_for_processes_started_as_ordinary() -> None:
     run(GRANTED)
+
+
+@pytest.mark.skipif(
+    not os.access(realtime.WAKING, os.R_OK | os.W_OK), reason="no permission for it"
+)
+def test_idle_cores_are_kept_from_sleeping_deeply() -> None:
+    run(AWAKE)
 
 
 def test_who_asks_for_nothing_gets_nothing() -> None:
