@@ -1,5 +1,6 @@
 """The filter process itself: reads measurements from its host, runs the estimator, answers."""
 
+import os
 import socket
 from collections.abc import Iterable, Iterator
 from itertools import groupby
@@ -16,7 +17,14 @@ from gateway.filter_process.channel import (
     receive,
 )
 from gateway.filter_process.progress import Progress
-from gateway.messages import Checkpoint, FilterOutput, ImuBlock, Measurement, SavedState
+from gateway.messages import (
+    Checkpoint,
+    FilterOutput,
+    ImuBlock,
+    Measurement,
+    NavSolution,
+    SavedState,
+)
 
 
 def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
@@ -42,6 +50,8 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
                 if said <= start.heard:
                     continue
             channel.send(encode(output))
+            if isinstance(output, NavSolution):
+                os.sched_yield()  # whom it is for may wait for this core, and history can
 
     while data := receive(channel):
         for measurement, count in _runs(read_in_worker(data), start.one_by_one):
