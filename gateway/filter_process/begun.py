@@ -23,6 +23,7 @@ class Begun(NamedTuple):
         """See that it is gone, whoever had it."""
         self.process.kill()
         self.process.wait()
+        self.control.close()
 
 
 def begin() -> Begun:

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.config import Config
 from gateway.estimator import Estimator
-from gateway.filter_process import channel
+from gateway.filter_process import channel, pair
 from gateway.filter_process import host as host_module
 from gateway.messages import (
     FilterCounts,
@@ -119,7 +119,7 @@ async def test_a_worker_that_hangs_costs_the_oldest_data_only(
     given: Input, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(host_module, "most_kept", lambda _config: 500)
-    monkeypatch.setattr(channel, "BUFFER_BYTES", 65_536)
+    monkeypatch.setattr(pair, "BUFFER_BYTES", 65_536)
     async with hosted(given) as running:
         pid = await running.ready()
         os.kill(pid, signal.SIGSTOP)
