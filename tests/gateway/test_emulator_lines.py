@@ -83,7 +83,7 @@ def test_a_capture_has_them_in_one_stream(tmp_path):
 def test_live_they_share_the_port_and_its_cable():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    pulled = {"fault": "unplug", "device": "dvl0", "at_s": 0.5, "for_s": 0.5}
+    pulled = {"fault": "unplug", "device": "dvl0", "at_s": 1.3, "for_s": 0.5}
     data = ins({"type": "tcp-server", "port": port}, start="now", duration_s=2.0, faults=[pulled])
     heard = bytearray()
     begun, reports = threading.Event(), []
