@@ -223,6 +223,8 @@ class _Daemon:
 
     def _keep(self, state: SavedState) -> None:
         """Hand on what another daemon, or a replay, can go on from."""
+        if self._keeper is None and self._recorder is None:
+            return
         clocks: Clocks = {}
         for line in self._lines:
             clocks |= line.intake.clock_memory()

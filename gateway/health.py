@@ -13,7 +13,7 @@ from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
 from gateway.ingest import Ingest, Intake
 from gateway.latency import Passage, StageReport, Stages
-from gateway.messages import FilterCounts
+from gateway.messages import FilterCounts, FilterTotals
 from gateway.modes import Mode
 from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
@@ -97,19 +97,6 @@ class DeviceReport(msgspec.Struct, frozen=True):
     kernel_dropped: int
     link: LinkReport
     clock: ClockReport
-
-
-class FilterTotals(msgspec.Struct, frozen=True):
-    """What the filter has taken, used and refused; `FilterCounts` by name."""
-
-    imu_samples: int
-    fixes_used: int
-    fixes_gated: int
-    fixes_late: int
-    fixes_too_late: int
-    fixes_too_early: int
-    fixes_duplicate: int
-    resets: int
 
 
 class HealthReport(msgspec.Struct, frozen=True):

@@ -249,10 +249,9 @@ class Calibration(msgspec.Struct, frozen=True, array_like=True, tag="calibration
     constants: tuple[Constant, ...]
 
 
-class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
-    """Running totals of the filter process."""
+class FilterTotals(msgspec.Struct, frozen=True):
+    """What the filter has taken, used and refused so far."""
 
-    t_ns: int
     imu_samples: int
     fixes_used: int
     fixes_gated: int
@@ -261,6 +260,12 @@ class FilterCounts(msgspec.Struct, frozen=True, array_like=True, tag="counts"):
     fixes_too_early: int
     fixes_duplicate: int
     resets: int
+
+
+class FilterCounts(FilterTotals, frozen=True, array_like=True, tag="counts"):
+    """The same as the filter process says it, at ``t_ns``."""
+
+    t_ns: int
 
 
 class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):

@@ -6,8 +6,9 @@ import msgspec
 
 from gateway.clock import ClockReport
 from gateway.filter_process.host import HostStatus
-from gateway.health import DeviceReport, FilterTotals, HealthReport, LinkReport
+from gateway.health import DeviceReport, HealthReport, LinkReport
 from gateway.latency import Spread, StageReport
+from gateway.messages import FilterTotals
 from gateway.modes import Mode
 from gateway.outputs.schema import ComponentReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
