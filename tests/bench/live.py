@@ -318,7 +318,9 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=SHORT_S, metavar="S")
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ", help="of the IMU")
     parser.add_argument(
-        "--fifo", action="store_true", help=f"at SCHED_FIFO {FIFO}, who hears one below"
+        "--fifo",
+        action="store_true",
+        help=f"at SCHED_FIFO {FIFO}, cores awake; hearers one below",
     )
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
