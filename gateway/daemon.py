@@ -9,14 +9,17 @@ from contextlib import AsyncExitStack
 from drivers.links import Chunk, open_link
 from drivers.links.pps import edges
 from drivers.settings import StdioLink
-from gateway import bootclock, realtime, statefile, systemd
+from gateway import statefile, systemd
 from gateway.clock import Clocks
+from gateway.clock.utc import UtcHistory
 from gateway.config import Config, NmeaOutput, Output, doubts
 from gateway.filter_process.begun import Begun
 from gateway.filter_process.host import FilterHost
 from gateway.health import Health, Line
 from gateway.ingest import intakes
-from gateway.journal import open_journal
+from gateway.machine import bootclock, realtime
+from gateway.machine.journal import open_journal
+from gateway.machine.subordinate import ENDING
 from gateway.messages import (
     Calibration,
     FilterCounts,
@@ -32,10 +35,8 @@ from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.recording.host import Recorder
 from gateway.resume import COLD, Resume
-from gateway.subordinate import ENDING
 from gateway.supervise import Alive, keep_running
 from gateway.targets import Targets
-from gateway.utc import UtcHistory
 
 MIN_SOLUTION_RATE_HZ = 10.0
 HEALTH_PERIOD_S = 1.0

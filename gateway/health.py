@@ -13,13 +13,13 @@ from gateway.config import DeviceKind
 from gateway.filter_process.host import FilterHost, HostStatus
 from gateway.ingest import Ingest, Intake
 from gateway.latency import Passage, StageReport, Stages
+from gateway.machine.realtime import RealtimeStatus
 from gateway.messages import FilterCounts, FilterTotals
 from gateway.modes import Mode
 from gateway.outputs.feeds import Feed
 from gateway.outputs.schema import NavReport
 from gateway.outputs.sinks import SinkStatus
 from gateway.plausible import Doubt, Plausibility
-from gateway.realtime import RealtimeStatus
 from gateway.statefile import Keeper, KeeperStatus
 
 SILENT_S: dict[DeviceKind, float] = {

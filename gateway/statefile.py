@@ -15,9 +15,9 @@ from pathlib import Path
 
 import msgspec
 
-from gateway.bootclock import Moment, now, unbelievable
 from gateway.clock import Clocks, aged
 from gateway.config import Config, StateFile
+from gateway.machine.bootclock import Moment, now, unbelievable
 from gateway.messages import SavedState
 from gateway.resume import COLD, Resume
 

@@ -10,12 +10,12 @@ import msgspec
 
 from drivers.capture.files import CaptureError
 from drivers.capture.streams import CaptureCounts, Payload, read_streams
+from gateway.clock.utc import UtcHistory, UtcSample
 from gateway.config import Config
 from gateway.errors import ConfigError, UsblnavError
 from gateway.recording.events import Pulse, Raw
 from gateway.recording.reader import RecordedRun, RecordingCounts, is_recording
 from gateway.resume import COLD
-from gateway.utc import UtcHistory, UtcSample
 
 DEFAULT_RATE_HZ = 10.0
 

@@ -20,10 +20,10 @@ from drivers.links.base import Chunk, reason
 from drivers.records import Record, Rejected, to_json
 from drivers.senders import SenderCounts, Senders
 from drivers.settings import UdpLink
+from gateway.commands.linktext import read_link
+from gateway.commands.tap import listen
 from gateway.errors import ConfigError, UsblnavError
-from gateway.linktext import read_link
 from gateway.schema import build
-from gateway.tap import listen
 from gateway.yamlfile import read_value
 
 CHUNK = 65536

@@ -7,7 +7,7 @@ import sys
 from typing import NamedTuple
 
 from gateway.filter_process.pair import pair
-from gateway.realtime import ordinary
+from gateway.machine.realtime import ordinary
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """The matrices are small; and only a process of a single thread may be forked safely."""

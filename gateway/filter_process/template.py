@@ -24,8 +24,8 @@ from gateway.filter_process.channel import (
 )
 from gateway.filter_process.progress import Progress
 from gateway.fusion.warmup import warm_up
+from gateway.machine.subordinate import call_it, serve_as
 from gateway.nav.compiled import told_of_compiling
-from gateway.subordinate import call_it, serve_as
 
 END_S = 0.5
 """How long a worker may take to end after its host has."""

@@ -5,7 +5,6 @@ import socket
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
-from gateway import realtime
 from gateway.estimator import Estimator
 from gateway.filter_process.channel import (
     Many,
@@ -17,6 +16,7 @@ from gateway.filter_process.channel import (
     receive,
 )
 from gateway.filter_process.progress import Progress
+from gateway.machine import realtime
 from gateway.messages import (
     Checkpoint,
     FilterOutput,

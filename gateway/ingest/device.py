@@ -9,8 +9,8 @@ from msgspec import UNSET
 from drivers.records import Measured, Record, Rejected
 from drivers.settings import SerialLink
 from gateway.clock import ClockMemory, ClockReport, DeviceClock
+from gateway.clock.pulse import DAY_MS, PulsedClock
 from gateway.config import Device
-from gateway.pulse import DAY_MS, PulsedClock
 
 NO_PAUSE_NS = 20_000_000
 """Bytes that follow within this follow at once, as far as stamps can tell."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from gateway.alarms import Alarm, Alarms, Severity
 from gateway.health import HealthReport
+from gateway.monitor.alarms import Alarm, Alarms, Severity
 from gateway.outputs.schema import InnovationReport, NavReport, TargetReport
 
 TRACK = 600

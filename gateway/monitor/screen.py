@@ -8,10 +8,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gateway.alarms import Alarm, Severity
 from gateway.health import HealthReport
 from gateway.latency import Spread
 from gateway.modes import Mode
+from gateway.monitor.alarms import Alarm, Severity
 from gateway.monitor.heard import Heard
 from gateway.monitor.picture import draw
 from gateway.outputs.schema import InnovationReport, NavReport, TargetReport

@@ -4,9 +4,9 @@ from typing import Literal
 
 import msgspec
 
+from gateway.clock.utc import UtcSample
 from gateway.config import Config, Recording
 from gateway.resume import COLD, Resume
-from gateway.utc import UtcSample
 
 Topic = Literal["nav", "innovation", "calibration", "target", "status"]
 

@@ -7,10 +7,10 @@ from typing import BinaryIO, cast
 import msgspec
 from mcap.writer import CompressionType, Writer
 
+from gateway.clock.utc import UtcSample
 from gateway.recording.events import Run
 from gateway.recording.folder import PROFILE
 from gateway.recording.schema import Form
-from gateway.utc import UtcSample
 
 CHUNK_BYTES = 96 * 1024
 """Of messages, before compression. Small: all of a chunk is lost with its end."""

@@ -13,14 +13,15 @@ from typing import NamedTuple
 
 import msgspec
 
+from gateway.clock.utc import UtcSample
 from gateway.config import Config, Recording
 from gateway.filter_process.channel import MAX_MESSAGE
 from gateway.filter_process.launcher import ending
 from gateway.filter_process.pair import pair
 from gateway.health import HealthReport
+from gateway.machine.realtime import ordinary
 from gateway.outputs.schema import CalibrationReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
-from gateway.realtime import ordinary
 from gateway.recording.events import (
     Batch,
     Event,
@@ -38,7 +39,6 @@ from gateway.recording.events import (
 )
 from gateway.resume import COLD, Resume
 from gateway.supervise import Alive, Backoff, keep_running
-from gateway.utc import UtcSample
 
 BATCH_S = 0.1
 BATCH_BYTES = 64 * 1024

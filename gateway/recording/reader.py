@@ -15,6 +15,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from drivers.capture.files import CaptureError
 from gateway.clock import Clocks
+from gateway.clock.utc import UtcSample
 from gateway.config import Config
 from gateway.errors import ConfigError
 from gateway.messages import SavedState
@@ -23,7 +24,6 @@ from gateway.recording.file import CLOCKS, CONFIG, RESUME, RUN
 from gateway.recording.schema import LINE, PULSE, RAW, UTC, read_raw
 from gateway.resume import Resume
 from gateway.schema import build
-from gateway.utc import UtcSample
 
 MAX_RECORD = 64 * 1024 * 1024
 """A longer record than any recording holds is a damaged length."""

@@ -19,8 +19,10 @@ import msgspec
 from drivers.links.base import reason
 from drivers.records import to_json
 from drivers.senders import Senders
+from gateway.clock.utc import UtcSample
 from gateway.config import Config, wire_format
 from gateway.filter_process.channel import MAX_MESSAGE
+from gateway.machine.subordinate import serve_as
 from gateway.outputs.schema import NavReport
 from gateway.recording.events import (
     Batch,
@@ -50,8 +52,6 @@ from gateway.recording.schema import (
     location_message,
     raw_message,
 )
-from gateway.subordinate import serve_as
-from gateway.utc import UtcSample
 
 FLUSH_S = 0.5
 """What no chunk was filled with goes into one after so long: more than this is not lost."""

@@ -10,13 +10,13 @@ from pathlib import Path
 import msgspec
 
 from drivers.capture.streams import read_streams
+from gateway.clock.utc import UtcHistory
 from gateway.config import Config, Recording, load
 from gateway.estimator import Estimator
 from gateway.ingest import intakes
 from gateway.messages import NavSolution
 from gateway.outputs.schema import NavReport, nav_report
 from gateway.recording.host import Recorder
-from gateway.utc import UtcHistory
 from tests.bench.replayed import Row, Source
 
 RATE_HZ = 1000

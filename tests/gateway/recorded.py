@@ -7,6 +7,7 @@ import msgspec
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from gateway.clock.utc import UtcSample
 from gateway.config import Config, Recording
 from gateway.emulator import twin
 from gateway.outputs.schema import NavReport, nav_report
@@ -14,7 +15,6 @@ from gateway.recording.events import Batch, Event, Orders, Raw, Report, Run
 from gateway.recording.host import TYPES
 from gateway.recording.reader import RecordedRun
 from gateway.schema import build
-from gateway.utc import UtcSample
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
 

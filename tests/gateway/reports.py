@@ -8,11 +8,11 @@ from gateway.clock import ClockReport
 from gateway.filter_process.host import HostStatus
 from gateway.health import DeviceReport, HealthReport, LinkReport
 from gateway.latency import Spread, StageReport
+from gateway.machine.realtime import RealtimeStatus
 from gateway.messages import FilterTotals
 from gateway.modes import Mode
 from gateway.outputs.schema import ComponentReport, InnovationReport, NavReport, TargetReport
 from gateway.outputs.sinks import SinkStatus
-from gateway.realtime import RealtimeStatus
 from gateway.statefile import KeeperStatus
 
 replace = msgspec.structs.replace

@@ -5,10 +5,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from gateway.alarms import RECENT_S, Alarm, Alarms, Severity, of_report
 from gateway.health import SILENT_S, HealthReport
 from gateway.latency import Spread, StageReport
 from gateway.modes import Mode
+from gateway.monitor.alarms import RECENT_S, Alarm, Alarms, Severity, of_report
 from tests.gateway.reports import REPORT, device, later
 
 replace = msgspec.structs.replace

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from gateway.bootclock import Moment, now, unbelievable
+from gateway.machine.bootclock import Moment, now, unbelievable
 
 S = 1_000_000_000
 THEN = Moment("a", 100 * S, 1_780_000_000 * S, True)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.clock import LOCKED_AFTER, NEVER, SLEW, DeviceClock
-from gateway.envelope import LATE_S
+from gateway.clock.device import LOCKED_AFTER, NEVER, SLEW, DeviceClock
+from gateway.clock.envelope import LATE_S
 
 T0 = 1_000_000_000_000
 HZ = 200.0

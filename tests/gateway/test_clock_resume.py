@@ -10,14 +10,8 @@ import pytest
 
 from drivers import registry
 from drivers.records import ImuRecord
-from gateway.clock import (
-    ABSENCE_S,
-    NEVER,
-    OUTAGE_S,
-    ClockMemory,
-    DeviceClock,
-    aged,
-)
+from gateway.clock import NEVER, ClockMemory, DeviceClock, aged
+from gateway.clock.memory import ABSENCE_S, OUTAGE_S
 from gateway.config import GnssDevice, ImuDevice
 from gateway.ingest import Intake
 from tests.gateway.device_clocks import IMU_NOISE, device

@@ -17,9 +17,9 @@ import yaml
 
 from gateway import cli
 from gateway.arguments import command_line
+from gateway.commands.linktext import read_link
 from gateway.config import load
 from gateway.errors import ConfigError
-from gateway.linktext import read_link
 from tests.shared_data import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

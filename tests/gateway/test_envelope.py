@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.envelope import Before, Envelope, line_below
+from gateway.clock.envelope import Before, Envelope, line_below
 
 PRIOR = Before()
 points = st.lists(

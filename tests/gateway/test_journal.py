@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from gateway.journal import PatientHandler
+from gateway.machine.journal import PatientHandler
 
 LINE = "x" * 100
 

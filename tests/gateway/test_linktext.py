@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.settings import Link, SerialLink, TcpLink, UdpLink
+from gateway.commands.linktext import FORMS, read_link
 from gateway.errors import ConfigError
-from gateway.linktext import FORMS, read_link
 
 
 @pytest.mark.parametrize(

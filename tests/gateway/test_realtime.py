@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from gateway import realtime
+from gateway.machine import realtime
 
 REFUSED = """
 import os, resource
-from gateway import realtime
+from gateway.machine import realtime
 from gateway.config import Realtime
 resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))
@@ -24,7 +24,7 @@ print("\\n".join(complaints))
 
 GRANTED = """
 import os, subprocess, sys, threading
-from gateway import realtime
+from gateway.machine import realtime
 from gateway.config import Realtime
 status, complaints = realtime.enter(Realtime(priority=20, lock_memory=True))
 assert (status, complaints) == (realtime.RealtimeStatus(20, True), []), (status, complaints)
@@ -45,7 +45,7 @@ assert os.sched_getparam(0).sched_priority == 20
 
 AWAKE = """
 import struct
-from gateway import realtime
+from gateway.machine import realtime
 from gateway.config import Realtime
 def bound():
     with open("/dev/cpu_dma_latency", "rb") as file:
@@ -58,7 +58,7 @@ assert bound() == 20
 
 NOTHING_ASKED = """
 import os
-from gateway import realtime
+from gateway.machine import realtime
 from gateway.config import Realtime
 assert realtime.enter(Realtime()) == (realtime.RealtimeStatus(), [])
 with realtime.ordinary():
@@ -67,7 +67,7 @@ with realtime.ordinary():
 
 COLLECTED = """
 import gc, time, weakref
-from gateway import realtime
+from gateway.machine import realtime
 class Node: pass
 collector = realtime.Collector()
 collector.quiet()

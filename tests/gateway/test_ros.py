@@ -13,13 +13,13 @@ from gateway.clock import ClockReport
 from gateway.config import MapOrigin, ZenohRos
 from gateway.filter_process.host import HostStatus
 from gateway.health import DeviceReport, HealthReport, LinkReport
+from gateway.machine.realtime import RealtimeStatus
 from gateway.modes import Mode
 from gateway.nav.earth import radii
 from gateway.outputs.ros import messages, names
 from gateway.outputs.ros.cdr import CdrWriter
 from gateway.outputs.schema import NavReport, nav_report
 from gateway.outputs.sinks import SinkStatus
-from gateway.realtime import RealtimeStatus
 from tests.gateway.solutions import solution
 
 ROS = get_typestore(Stores.ROS2_JAZZY)

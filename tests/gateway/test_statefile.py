@@ -10,11 +10,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from gateway import bootclock, statefile
-from gateway.bootclock import Moment
+from gateway import statefile
 from gateway.clock import ClockMemory, Clocks, DeviceClock, aged
 from gateway.config import Config, StateFile
 from gateway.emulator import twin
+from gateway.machine import bootclock
+from gateway.machine.bootclock import Moment
 from gateway.messages import SavedState
 from gateway.resume import COLD, Resume
 from gateway.schema import build

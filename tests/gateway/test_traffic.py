@@ -9,6 +9,7 @@ import yaml
 
 from drivers.capture.streams import Payload, read_streams
 from gateway import replay
+from gateway.clock.utc import UtcSample
 from gateway.config import Config, load
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
@@ -22,7 +23,6 @@ from gateway.recording.events import Event, Orders, Pulse, Raw, Run
 from gateway.recording.writer import Tape
 from gateway.resume import COLD, Resume
 from gateway.traffic import open_traffic
-from gateway.utc import UtcSample
 from tests.gateway.emulated import START, demo_data, make
 from tests.gateway.recorded import batches, files, orders
 

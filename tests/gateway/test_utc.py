@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.utc import DELAY_NS, KEPT, UtcHistory, UtcSample
+from gateway.clock.utc import DELAY_NS, KEPT, UtcHistory, UtcSample
 
 S = 1_000_000_000
 STEPS = st.tuples(

@@ -1,24 +1,29 @@
 """From a device's own count to the host's time: its wraps, its resets, its offset and drift.
 
-A count is placed by the lower envelope of the arrivals (`gateway.envelope`). It can never be ahead
-of what the time since the one before allows, and never be late for good: either means that the
-device, or the host, began anew.
+A count is placed by the lower envelope of the arrivals. It can never be ahead of what the time
+since the one before allows, and never be late for good: either means that the device, or the host,
+began anew.
 """
 
 from collections.abc import Sequence
-from math import hypot, inf
-from typing import Literal, NamedTuple
+from math import inf
+from typing import NamedTuple
 
-import msgspec
-
-from gateway.envelope import WINDOW, Before, Envelope, EnvelopeMemory
+from gateway.clock.envelope import Before, Envelope
+from gateway.clock.memory import (
+    DRIFT_AGAIN,
+    LATE_STRETCHES,
+    OUTAGE_S,
+    QUICK_S,
+    ClockMemory,
+    Placed,
+)
+from gateway.clock.report import ClockReport, Source, State
 
 LOCKED_AFTER = 8
 """Stretches after which a clock is locked: what it learns then is slewed in, not stepped to."""
 SLEW = 1e-3
 """Fastest correction of a locked clock: a millisecond a second."""
-DRIFT_AGAIN = 3e-6
-"""How much a power cycle may change a drift."""
 JITTER_AGAIN = 10
 """As if so many stretches after it had shown the jitter that was before: it is the line's."""
 QUEUES = 100
@@ -29,75 +34,9 @@ EARLY_S = 1e-3
 """The same once locked, or ten sigma: whatever is earlier counts wrongly."""
 WANDER = 1e-5
 """How far off a drift may be after a silence."""
-LATE_STRETCHES = 5
-"""Stretches far above the envelope after which it is taken to have moved."""
-OUTAGE_S = 1.0
-"""Silence after which a count that turns over quickly says nothing any more."""
-QUICK_S = 60.0
-"""A turn shorter than this is quick."""
-ABSENCE_S = WINDOW
-"""Longer than this nothing of an offset outlives its process: what it rests on is older."""
 
 NEVER = 1 << 62
 """Modulus of a count that does not turn over."""
-
-State = Literal["silent", "warming", "locked"]
-Source = Literal["pulse", "time", "sequence", "frames", "arrival"]
-
-
-class ClockReport(msgspec.Struct, frozen=True):
-    """What one device's clock says of itself.
-
-    ``source`` is what its times rest on: the ``pulse`` of its seconds, the ``time`` or ``sequence``
-    that frames carry, the ``frames`` counted as they come, or the ``arrival`` of each, whose
-    queueing nobody can tell.
-    """
-
-    source: Source
-    state: State | None
-    """None where every time is that of its arrival."""
-    offset_s: float | None = None
-    """Host's monotonic time at which the device's count was zero."""
-    drift_ppm: float | None = None
-    """By how much the device's seconds are longer than the host's."""
-    sigma_ms: float | None = None
-    """1 sigma of a time of validity, the declared latency taken as exact; None where unknown."""
-    jitter_ms: float | None = None
-    """Mean delay of the quickest arrivals, one a second, above the envelope."""
-    resets: int = 0
-    """How often the count, or the host's time with it, began anew."""
-    untimed: int = 0
-    """Records without the time they should carry, placed by their arrival."""
-
-
-class Placed(msgspec.Struct, frozen=True, array_like=True):
-    """Where a locked clock has the device's count, see `DeviceClock`."""
-
-    origin_ns: int
-    t_last_ns: int
-    first: int
-    last: int
-    due_s: float
-    lag_s: float
-    envelope: EnvelopeMemory
-
-
-class ClockMemory(msgspec.Struct, frozen=True, array_like=True):
-    """A clock as it outlives its process.
-
-    ``before`` is what is believed where the count begins anew: its drift and jitter, the device's
-    own and the line's; ``placed`` is None where no more than that is known.
-    """
-
-    unit_s: float
-    modulus: int
-    before: Before
-    queue_s: float
-    placed: Placed | None = None
-
-
-Clocks = dict[str, dict[str, ClockMemory]]
-"""The clocks of each device, by what they go by."""
 
 
 class Tick(NamedTuple):
@@ -347,31 +286,3 @@ class DeviceClock:
         if self._locked:
             return Before(self.drift, DRIFT_AGAIN, self._envelope.jitter_s, JITTER_AGAIN)
         return self._before if self._silent else Before()
-
-
-def aged(memory: ClockMemory, now_ns: int | None) -> ClockMemory:
-    """What is left of a clock after a time in which nobody listened.  # (M.179)
-
-    The drift always; the offset while that time is short and the count does not turn over quickly:
-    the first arrivals then show whether it still holds, one late stretch being enough.
-
-    Parameters
-    ----------
-    now_ns
-        Host's monotonic time now; None where that began anew, with the machine.
-    """
-    placed = memory.placed
-    if placed is None:
-        return memory
-    is_quick = memory.modulus * memory.unit_s < QUICK_S
-    away_s = inf if now_ns is None else (now_ns - placed.t_last_ns) * 1e-9
-    if away_s > (OUTAGE_S if is_quick else ABSENCE_S):
-        return msgspec.structs.replace(memory, placed=None)
-    line = placed.envelope.line
-    sigma = hypot(line.sigma or 0.0, DRIFT_AGAIN * away_s)
-    envelope = placed.envelope._replace(
-        line=line._replace(sigma=sigma), late=LATE_STRETCHES - 1, end=None, least=(0.0, inf)
-    )
-    return msgspec.structs.replace(
-        memory, placed=msgspec.structs.replace(placed, envelope=envelope)
-    )

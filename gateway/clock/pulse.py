@@ -5,7 +5,9 @@ What a sentence is late by no longer matters then. Where the pulses stop, its ow
 
 from collections.abc import Mapping
 
-from gateway.clock import ClockMemory, ClockReport, DeviceClock, Tick
+from gateway.clock.device import DeviceClock, Tick
+from gateway.clock.memory import ClockMemory
+from gateway.clock.report import ClockReport
 
 DAY_MS = 86_400_000
 SECOND_MS = 1000
