@@ -24,8 +24,8 @@ from gateway.ingest import Intake, intakes
 from gateway.messages import FilterCounts, ImuBlock, NavSolution
 from gateway.modes import Mode
 from gateway.nav import earth
-from gateway.offline import ForwardPass
-from gateway.replay import chosen, measurements
+from gateway.replay.passes import ForwardPass
+from gateway.replay.pipeline import chosen, measurements
 from tests.campaign.draw import mission
 from tests.campaign.watch import Units, Verdict, WatchedDecoder, judge
 

@@ -10,7 +10,7 @@ from gateway.estimator import Estimator
 from gateway.messages import Checkpoint, Innovation, NavSolution, SavedState, UsblFix
 from gateway.modes import Mode
 from gateway.nav import earth
-from gateway.offline import SmoothedPass
+from gateway.replay.passes import SmoothedPass
 from gateway.timeline import MAX_WAITING
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.test_estimator import fed, of

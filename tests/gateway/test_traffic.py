@@ -21,8 +21,8 @@ from gateway.outputs.files import ReplayFiles
 from gateway.outputs.schema import nav_report
 from gateway.recording.events import Event, Orders, Pulse, Raw, Run
 from gateway.recording.writer import Tape
+from gateway.replay.traffic import open_traffic
 from gateway.resume import COLD, Resume
-from gateway.traffic import open_traffic
 from tests.gateway.emulated import START, demo_data, make
 from tests.gateway.recorded import batches, files, orders
 

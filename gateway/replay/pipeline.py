@@ -24,14 +24,14 @@ from gateway.messages import (
     NavSolution,
     TargetSighting,
 )
-from gateway.offline import ForwardPass, SmoothedPass
 from gateway.outputs.files import ReplayFiles
 from gateway.outputs.following import target_report
 from gateway.outputs.schema import calibration_report, innovation_report, nav_report
 from gateway.progress import Tell, nobody
 from gateway.recording.events import Pulse
+from gateway.replay.passes import ForwardPass, SmoothedPass
+from gateway.replay.traffic import Traffic, open_traffic
 from gateway.targets import Targets
-from gateway.traffic import Traffic, open_traffic
 
 CHUNKS_PER_BLOCK = 64
 """IMU chunks gathered for one call of the filter, where no fix comes between; the result does not
