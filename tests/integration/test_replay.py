@@ -16,6 +16,7 @@ from gateway import replay
 from gateway.config import load
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
+from gateway.replay import pipeline
 from tests.gateway.emulated import START, make
 from tests.integration.rig import USBLNAV, brisk
 from tests.integration.scores import errors, read
@@ -98,7 +99,7 @@ def test_the_same_input_gives_the_same_bytes(voyage: Voyage, tmp_path: Path) -> 
 def test_it_does_not_matter_how_samples_are_gathered(
     voyage: Voyage, tmp_path: Path, chunks: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(replay, "CHUNKS_PER_BLOCK", chunks)
+    monkeypatch.setattr(pipeline, "CHUNKS_PER_BLOCK", chunks)
     replay.run([voyage.capture], load(voyage.config), out=tmp_path, rate_hz=10.0)
     for name in TABLES:
         assert (tmp_path / name).read_bytes() == (voyage.out / name).read_bytes()
