@@ -361,11 +361,10 @@ class Estimator:
         return solution(state, t_ns, mode, age_s, memory.used, memory.gated)
 
     def _mode(self, age_ns: int | None) -> Mode:
-        """What may be claimed with the last fix that gave a place that old, or without any."""
+        """What the last fix that gave a place allows to be claimed, or that there was none."""
         if age_ns is not None:
             return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING
-        reckons = self._filter.memory.aided and self._filter.knows_heading()
-        return Mode.DEAD_RECKONING if reckons else Mode.ALIGNING
+        return Mode.DEAD_RECKONING if self._filter.memory.aided else Mode.ALIGNING
 
 
 def _refused(fix: Fix, why: str) -> Innovation:

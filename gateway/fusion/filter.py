@@ -16,6 +16,7 @@ from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.messages import BottomVelocity, Fix, Innovation, UsblFix, VelocityFix, Verdict
+from gateway.modes import KNOWN_HEADING_SD
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 
@@ -39,8 +40,6 @@ JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
 Independent of everything else: scaled together with its correlations, an error in position would
 be paid for by velocity, attitude and the instruments' constants.
 """
-KNOWN_HEADING_SD = np.radians(5.0)
-"""A heading known worse is nothing to go by, and fixes are used with care."""
 GATE_MAX_HEADING_SD = np.radians(30.0)
 """The gate stays open while it is known worse than this: it would lock out good fixes."""
 DRIFT = FAMILY["additive"]
@@ -358,7 +357,7 @@ class Filter:
         P[POS, POS] += away_s**2 / 3.0 * doubt
 
     def knows_heading(self) -> bool:
-        """Whether the heading is certain enough to go by."""
+        """Whether the heading is certain enough to go by, and fixes need no care."""
         return bool(self._heading_variance() <= KNOWN_HEADING_SD**2)
 
     def _heading_variance(self) -> float:

@@ -9,7 +9,7 @@ from gateway.fusion.initial import DEG_H, UG
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.state import ATT, BG, State
 from gateway.messages import Calibration, Component, Constant, NavSolution
-from gateway.modes import Mode
+from gateway.modes import Mode, claimable
 from gateway.nav.attitude import euler_error_map, euler_from_C
 from gateway.nav.earth import C_en, ecef_to_lla
 from gateway.nav.geodetic import words
@@ -32,11 +32,14 @@ _CONSTANTS: tuple[tuple[str, float], ...] = (
 def solution(
     state: State, t_ns: int, mode: Mode, fix_age_s: float | None, used: int, rejected: int
 ) -> NavSolution:
-    """The navigation solution with its 1-sigma errors in NED and Euler angles.  # (M.50)"""
+    """The navigation solution with its 1-sigma errors in NED and Euler angles.  # (M.50)
+
+    `mode` is what fixes allow it to claim; a heading that is not known makes it less.
+    """
     w = words(state.x, state.P).tolist()
     return NavSolution(
         t_ns=t_ns,
-        mode=mode,
+        mode=claimable(mode, w[17]),
         lat=w[0],
         lon=w[1],
         h=w[2],

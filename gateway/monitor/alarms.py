@@ -94,7 +94,7 @@ def _of_solution(report: HealthReport) -> Iterator[Alarm]:
         case Mode.INVALID:
             yield Alarm(Severity.ALARM, "no solution", "", "no solution")
         case Mode.ALIGNING:
-            yield Alarm(Severity.WARNING, "aligning", "", "aligning: no claim on the position yet")
+            yield Alarm(Severity.WARNING, "aligning", "", "aligning: no claim on the position")
         case Mode.DEAD_RECKONING:
             since = "no fix yet" if age_s is None else f"last fix {age_s:.0f} s ago"
             yield Alarm(Severity.WARNING, "dead reckoning", "", f"dead reckoning, {since}")

@@ -167,7 +167,7 @@ class _TargetFeed(_NmeaFeed):
         return False
 
     def target(self, report: TargetReport, own: NavReport) -> None:
-        vessel = nmea_targets.as_vessel(report)
+        vessel = nmea_targets.as_vessel(report, own)
         if report.name == self._settings.target and vessel is not None:
             self._take(vessel)
 

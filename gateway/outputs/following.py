@@ -3,6 +3,7 @@
 import math
 from typing import Literal
 
+from gateway.modes import PLACED
 from gateway.nav.earth import north_east
 from gateway.outputs.schema import NavReport, TargetReport, error_ellipse, wrap, wrap_180
 from gateway.targets import Followed
@@ -21,8 +22,10 @@ def target_report(followed: Followed, nav: NavReport) -> TargetReport:
     sd = [math.sqrt(max(float(place.P[k, k]), 0.0)) for k in range(6)]
     major, minor, orientation = error_ellipse(sd[0], sd[1], float(place.P[0, 1]))
     state: Literal["tracked", "coasting", "lost"] = "tracked"
-    if place.age_s > COASTING * patience_s:
-        state = "lost" if followed.is_lost else "coasting"
+    if followed.is_lost or nav.mode not in PLACED:  # told from a place that we do not know
+        state = "lost"
+    elif place.age_s > COASTING * patience_s:
+        state = "coasting"
     vn, ve, vd = place.v_n
     return TargetReport(
         utc_ns=nav.utc_ns,

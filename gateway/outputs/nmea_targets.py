@@ -39,11 +39,15 @@ def write(report: TargetReport, own: NavReport, sentences: Sequence[str], talker
     return b"".join(sentence(talker + name, writers[name]) for name in sentences if name in writers)
 
 
-def as_vessel(report: TargetReport) -> NavReport | None:
-    """The target as if it were the vessel; None where it is lost. Its attitude is not known."""
+def as_vessel(report: TargetReport, own: NavReport) -> NavReport | None:
+    """The target as if it were the vessel; None where it is lost. Its attitude is not known.
+
+    It claims no more than our `own` solution, from which it is told.
+    """
     if report.state == "lost":
         return None
-    mode = Mode.AIDED if report.state == "tracked" else Mode.DEAD_RECKONING
+    is_sure = report.state == "tracked" and own.mode is Mode.AIDED
+    mode = Mode.AIDED if is_sure else Mode.DEAD_RECKONING
     fields: dict[str, Any] = {name: getattr(report, name) for name in _SHARED}
     fields |= dict.fromkeys(_ATTITUDE, math.nan)
     return NavReport(**fields, mode=mode, fix_age_s=report.age_s, fixes_used=0, fixes_rejected=0)

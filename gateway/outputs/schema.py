@@ -103,7 +103,8 @@ class TargetReport(msgspec.Struct, frozen=True):
     """Where something is that the array follows, and how it lies from us.
 
     ``state`` is ``coasting`` once a third of the patience is over without a fix, and ``lost`` after
-    all of it: the place is then no more than where it would be if nothing had changed.
+    all of it: the place is then no more than where it would be if nothing had changed. It is
+    ``lost`` too while we claim no place of our own, from which its place is told.
     ``bearing_deg`` is from true north, ``range_m`` horizontal, both from our own place.
     """
 

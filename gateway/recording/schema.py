@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from gateway.modes import Mode
+from gateway.modes import PLACED
 from gateway.outputs.schema import NavReport
 
 RAW = "/raw/"
@@ -133,7 +133,7 @@ KNOWN_COVARIANCE = 3
 
 def location_message(nav: NavReport) -> bytes | None:
     """The solution for a map, its covariance in east, north, up (m^2); None where there is none."""
-    if nav.mode in (Mode.INVALID, Mode.FAULT):
+    if nav.mode not in PLACED:
         return None
     seconds, nanoseconds = divmod(nav.utc_ns, 1_000_000_000)
     spread = (nav.ellipse_major_m**2 - nav.ellipse_minor_m**2) / 2.0

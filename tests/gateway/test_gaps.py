@@ -8,7 +8,7 @@ import pytest
 
 from gateway.estimator import Estimator
 from gateway.messages import Checkpoint, Innovation, NavSolution, SavedState, UsblFix
-from gateway.modes import Mode
+from gateway.modes import KNOWN_HEADING_SD, Mode
 from gateway.nav import earth
 from gateway.replay.passes import SmoothedPass
 from gateway.timeline import MAX_WAITING
@@ -110,6 +110,10 @@ def test_after_too_long_a_gap_it_begins_again(gap_s, seed):
     after = since_the_gap(gap_s, fed(estimator, arrivals(gap_s, seed, heard_within=False)))
     modes = [nav.mode for _, nav in after]
     assert list(dict.fromkeys(modes)) == [Mode.ALIGNING, Mode.AIDED]
+    known = [nav.sd_attitude[2] <= KNOWN_HEADING_SD for _, nav in after]
+    fresh = [nav.fix_age_s is not None for _, nav in after]
+    claims = [k and f for k, f in zip(known, fresh, strict=True)]
+    assert [mode is Mode.AIDED for mode in modes] == claims
     assert after[0][1].fix_age_s is None
     assert horizontal(trip, after[0][1])[1] > gap_s
     for _, nav in after:

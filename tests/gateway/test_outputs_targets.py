@@ -13,7 +13,7 @@ from gateway.nav import earth
 from gateway.outputs import nmea
 from gateway.outputs.following import target_report
 from gateway.outputs.nmea_targets import as_vessel, write
-from gateway.outputs.schema import TargetReport
+from gateway.outputs.schema import NavReport, TargetReport
 from gateway.targets import Followed, TrackedPlace
 from tests.gateway.reports import NAV
 
@@ -21,14 +21,16 @@ replace = msgspec.structs.replace
 OWN = replace(NAV, lat_deg=60.0, lon_deg=5.0, height_m=0.0, vn_m_s=2.0, ve_m_s=0.0)
 
 
-def report(north_m: float, east_m: float, age_s: float = 1.0, **changes: object) -> TargetReport:
+def report(
+    north_m: float, east_m: float, age_s: float = 1.0, nav: NavReport = OWN, **changes: object
+) -> TargetReport:
     """Of something 50 m below a place so far from our own, at 1 m/s to the east."""
     lat, lon = np.radians(60.0), np.radians(5.0)
     r_e = earth.lla_to_ecef(lat, lon, 0.0) + earth.C_en(lat, lon) @ [north_m, east_m, 50.0]
     P = np.diag([4.0, 1.0, 0.25, 0.04, 0.04, 0.04])
     place = TrackedPlace(0, *map(float, earth.ecef_to_lla(r_e)), (0.0, 1.0, 0.1), P, age_s)
     followed = Followed(2, "7", Target(name="rov", max_age_s=30.0), place)
-    return replace(target_report(followed, OWN), **changes)
+    return replace(target_report(followed, nav), **changes)
 
 
 def test_a_report_tells_place_sigmas_and_how_it_lies_from_us() -> None:
@@ -47,9 +49,27 @@ def test_what_is_not_seen_is_said(age_s: float, state: str) -> None:
     assert said.state == state
     line = pynmeagps.NMEAReader.parse(write(said, OWN, ["TLL"], "RA"))
     assert line.status == ("L" if state == "lost" else "T")
-    vessel = as_vessel(said)
+    vessel = as_vessel(said, OWN)
     modes = {"tracked": Mode.AIDED, "coasting": Mode.DEAD_RECKONING}
     assert (None if vessel is None else vessel.mode) == modes.get(state)
+
+
+@pytest.mark.parametrize(
+    ("own", "state", "claimed"),
+    [
+        (Mode.AIDED, "tracked", Mode.AIDED),
+        (Mode.DEAD_RECKONING, "tracked", Mode.DEAD_RECKONING),
+        (Mode.ALIGNING, "lost", None),
+        (Mode.FAULT, "lost", None),
+    ],
+)
+def test_a_target_claims_no_more_than_we_do(own: Mode, state: str, claimed: Mode | None) -> None:
+    """Its place is told from ours."""
+    nav = replace(OWN, mode=own)
+    said = report(300.0, 400.0, nav=nav)
+    assert said.state == state
+    vessel = as_vessel(said, nav)
+    assert (None if vessel is None else vessel.mode) == claimed
 
 
 def test_sentences_are_what_a_plotter_reads() -> None:
@@ -76,7 +96,7 @@ def test_sentences_are_what_a_plotter_reads() -> None:
 
 def test_as_a_vessel_it_has_place_course_and_speed() -> None:
     said = report(300.0, 400.0)
-    vessel = as_vessel(said)
+    vessel = as_vessel(said, OWN)
     assert vessel is not None
     lines = nmea.epoch(vessel, vessel.utc_ns, ["GGA", "GLL", "RMC", "VTG", "GST"])
     gga, gll, rmc, vtg, gst = map(pynmeagps.NMEAReader.parse, lines.splitlines(keepends=True))

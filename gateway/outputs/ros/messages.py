@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import ZenohRos
-from gateway.modes import Mode
+from gateway.modes import PLACED, Mode
 from gateway.nav.attitude import C_from_euler, euler_error_map
 from gateway.nav.earth import C_en, lla_to_ecef
 from gateway.outputs.ros.cdr import CdrWriter
@@ -35,7 +35,6 @@ KNOWN_COVARIANCE = 3
 OK, WARN, ERROR, STALE = b"\x00\x01\x02\x03"
 """Levels of ``diagnostic_msgs/DiagnosticStatus``."""
 
-_POSED = (Mode.AIDED, Mode.DEAD_RECKONING)
 _LEVELS = {Mode.AIDED: OK, Mode.DEAD_RECKONING: WARN, Mode.ALIGNING: WARN}
 
 
@@ -57,7 +56,7 @@ class Mapped:
 
     def odometry(self, nav: NavReport) -> bytes | None:
         """``nav_msgs/Odometry``; None where the solution gives no place."""
-        if nav.mode not in _POSED:
+        if nav.mode not in PLACED:
             return None
         lat, lon = math.radians(nav.lat_deg), math.radians(nav.lon_deg)
         C_mn, C_nb = self._C_me @ C_en(lat, lon), _C_nb(nav)
@@ -78,7 +77,7 @@ class Mapped:
 
     def nav_sat_fix(self, nav: NavReport) -> bytes:
         """``sensor_msgs/NavSatFix``; without a place its coordinates are NaN."""
-        placed = nav.mode in _POSED
+        placed = nav.mode in PLACED
         place = (nav.lat_deg, nav.lon_deg, nav.height_m) if placed else (math.nan,) * 3
         covariance = ENU_NED @ position_covariance(nav) @ ENU_NED if placed else np.zeros((3, 3))
         message = _header(nav.utc_ns, self._settings.child_frame)
@@ -88,7 +87,7 @@ class Mapped:
 
     def imu(self, nav: NavReport) -> bytes | None:
         """``sensor_msgs/Imu``: the attitude over east, north, up at the vehicle; no rates."""
-        if nav.mode not in _POSED:
+        if nav.mode not in PLACED:
             return None
         attitude = ENU_NED @ attitude_covariance(nav) @ ENU_NED
         message = _header(nav.utc_ns, self._settings.child_frame)
