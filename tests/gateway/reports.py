@@ -6,7 +6,8 @@ import msgspec
 
 from gateway.clock import ClockReport
 from gateway.filter_process.host import HostStatus
-from gateway.health import DeviceReport, HealthReport, LinkReport
+from gateway.health import DeviceReport, HealthReport
+from gateway.health.report import LinkReport
 from gateway.latency import Spread, StageReport
 from gateway.machine.realtime import RealtimeStatus
 from gateway.messages import FilterTotals

@@ -9,16 +9,10 @@ from gateway.commands.status import lines
 from gateway.config import Config, DeviceKind
 from gateway.emulator import twin
 from gateway.filter_process.host import FilterHost, most_at_first
-from gateway.health import (
-    FIRST_S,
-    FLOWING_S,
-    LOSS_OVER_S,
-    SILENT_S,
-    Health,
-    Line,
-    LinkReport,
-    SenderReport,
-)
+from gateway.health import SILENT_S, Health, Line
+from gateway.health.lines import FIRST_S
+from gateway.health.report import LinkReport, SenderReport
+from gateway.health.watch import FLOWING_S, LOSS_OVER_S
 from gateway.ingest import intakes
 from gateway.messages import Stationary
 from gateway.modes import Mode

@@ -10,9 +10,16 @@ import pytest
 from drivers.records import ImuRecord
 from gateway.config import Config
 from gateway.emulator import twin
+from gateway.health.plausible import (
+    DOUBTED_AFTER,
+    FIXES,
+    TRUSTED_AFTER,
+    WINDOW_S,
+    Doubt,
+    Plausibility,
+)
 from gateway.ingest import Intake, intakes
 from gateway.messages import Innovation
-from gateway.plausible import DOUBTED_AFTER, FIXES, TRUSTED_AFTER, WINDOW_S, Doubt, Plausibility
 from gateway.schema import build
 from tests.gateway.emulated import demo_data, make
 

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from gateway.clock import ClockReport
 from gateway.config import MapOrigin, ZenohRos
 from gateway.filter_process.host import HostStatus
-from gateway.health import DeviceReport, HealthReport, LinkReport
+from gateway.health import DeviceReport, HealthReport
+from gateway.health.report import LinkReport
 from gateway.machine.realtime import RealtimeStatus
 from gateway.modes import Mode
 from gateway.nav.earth import radii

@@ -18,7 +18,7 @@ from gateway.config import Config
 from gateway.config.checks import cross_faults
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
-from gateway.health import FIRST_S, SILENT_S, Line
+from gateway.health.lines import FIRST_S, SILENT_S, Line
 from gateway.ingest import Intake, intakes
 from gateway.messages import ImuBlock
 from gateway.schema import build
