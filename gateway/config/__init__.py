@@ -9,36 +9,38 @@ from drivers.codec import Codec
 from gateway.config.blocks import (
     Align,
     Beacon,
-    Clock,
     Config,
+    Filter,
+    Initial,
+    InitialSigma,
+    Output,
+    Realtime,
+    Recording,
+    StateFile,
+    Target,
+)
+from gateway.config.checks import cross_faults
+from gateway.config.devices import (
+    Clock,
     DepthDevice,
     DepthNoise,
     Device,
     DeviceKind,
     DvlDevice,
     DvlNoise,
-    Filter,
     GnssDevice,
     GnssNoise,
     HeadingDevice,
     HeadingNoise,
     ImuDevice,
     ImuNoise,
-    Initial,
-    InitialSigma,
     LblDevice,
     LblNoise,
     LblPrior,
-    Output,
-    Realtime,
-    Recording,
-    StateFile,
-    Target,
     UsblDevice,
     UsblNoise,
     UsblPrior,
 )
-from gateway.config.checks import cross_faults
 from gateway.config.doubts import doubts
 from gateway.config.nmea import NmeaOutput
 from gateway.config.zenoh import MapOrigin, ZenohOutput, ZenohRos, ZenohTls

@@ -12,16 +12,9 @@ from itertools import combinations
 
 from drivers import registry
 from drivers.settings import PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
-from gateway.config.blocks import (
-    Config,
-    Device,
-    GnssDevice,
-    ImuDevice,
-    ImuNoise,
-    LblDevice,
-    Triple,
-    UsblDevice,
-)
+from gateway.config.block import Triple
+from gateway.config.blocks import Config
+from gateway.config.devices import Device, GnssDevice, ImuDevice, ImuNoise, LblDevice, UsblDevice
 from gateway.config.lines import line_faults, shares_line, sharing_faults
 from gateway.config.outputs import output_faults
 from gateway.config.zenoh import ZenohOutput

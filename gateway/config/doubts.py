@@ -3,7 +3,8 @@
 import math
 from collections.abc import Iterator
 
-from gateway.config.blocks import Config, ImuNoise, LblDevice, UsblDevice
+from gateway.config.blocks import Config
+from gateway.config.devices import ImuNoise, LblDevice, UsblDevice
 
 FAR_KM = 100.0
 """Sound does not carry so far: a beacon beyond is not where the vehicle begins."""

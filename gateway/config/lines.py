@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.settings import SerialLink
-from gateway.config.blocks import Config, Device
+from gateway.config.blocks import Config
+from gateway.config.devices import Device
 from gateway.config.zenoh import ZenohOutput
 from gateway.schema import known
 

@@ -2,19 +2,10 @@
 
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta
 
 from drivers.settings import OutputLink
-
-Name = Annotated[
-    str,
-    Meta(
-        pattern=r"\A[A-Za-z0-9][A-Za-z0-9_.-]*\Z",
-        max_length=64,
-        description="a name of letters, digits and _ . - (at most 64)",
-    ),
-]
+from gateway.config.block import Block, Name
 
 Sentence = Literal[
     "GGA", "GLL", "RMC", "VTG", "HDT", "THS", "ZDA",
@@ -28,14 +19,7 @@ OWN_SENTENCES: tuple[Sentence, ...] = ("HDT", "THS", "PUNAV", *TARGET_SENTENCES)
 """They tell what of a target is not known."""
 
 
-class NmeaOutput(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
-    tag_field="type",
-    tag="nmea",
-):
+class NmeaOutput(Block, frozen=True, kw_only=True, tag_field="type", tag="nmea"):
     """NMEA 0183 for chart plotters: UDP to a host, a TCP server, a line, a pty or stdout."""
 
     link: OutputLink

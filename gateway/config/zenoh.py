@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-import msgspec
-from msgspec import Meta
+from msgspec import Meta, field
+
+from gateway.config.block import Block, Latitude, Longitude
 
 Endpoint = Annotated[
     str,
@@ -22,7 +23,7 @@ RosName = Annotated[
 ]
 
 
-class ZenohTls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ZenohTls(Block, frozen=True, kw_only=True):
     """Certificates for endpoints of tls and quic: files in PEM."""
 
     root_ca: File | None = None
@@ -36,15 +37,15 @@ class ZenohTls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Whether a router's certificate must be of the host that ``connect`` names."""
 
 
-class MapOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class MapOrigin(Block, frozen=True, kw_only=True):
     """Where a map begins; its axes are east, north and up there."""
 
-    lat_deg: Annotated[float, Meta(ge=-90, le=90)]
-    lon_deg: Annotated[float, Meta(ge=-180, le=360)]
+    lat_deg: Latitude
+    lon_deg: Longitude
     height_m: float = 0.0
 
 
-class ZenohRos(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ZenohRos(Block, frozen=True, kw_only=True):
     """Messages of ROS 2 beside the JSON."""
 
     origin: MapOrigin
@@ -61,14 +62,7 @@ class ZenohRos(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     rate_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
 
 
-class ZenohOutput(
-    msgspec.Struct,
-    frozen=True,
-    forbid_unknown_fields=True,
-    kw_only=True,
-    tag_field="type",
-    tag="zenoh",
-):
+class ZenohOutput(Block, frozen=True, kw_only=True, tag_field="type", tag="zenoh"):
     """Publication under ``usblnav/<vehicle>/``."""
 
     mode: Literal["peer", "client", "router"] = "peer"
@@ -87,5 +81,5 @@ class ZenohOutput(
     users_file: File | None = None
     """Who may connect here: lines of user:password."""
     ros: ZenohRos | None = None
-    config: dict[str, Any] = {}
+    config: dict[str, Any] = field(default_factory=dict)
     """Any further setting, in Zenoh's own words."""

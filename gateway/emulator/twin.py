@@ -7,8 +7,9 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from gateway.config.blocks import Beacon, Config, Device, DeviceKind
+from gateway.config.blocks import Beacon, Config
 from gateway.config.checks import cross_faults
+from gateway.config.devices import Device, DeviceKind
 from gateway.emulator import acoustics
 from gateway.emulator.aiding import aiding_faults
 from gateway.emulator.imu import imu_faults

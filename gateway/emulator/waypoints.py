@@ -3,9 +3,8 @@
 import csv
 from pathlib import Path
 
-from gateway.config.blocks import Latitude, Longitude, NonNegative
+from gateway.config.block import Block, Latitude, Longitude, NonNegative
 from gateway.emulator.scenario import Waypoint
-from gateway.emulator.scenario.block import Block
 from gateway.schema import build
 from gateway.yamlfile import read_value
 

@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.config.blocks import Config, UsblDevice, UsblPrior
+from gateway.config.blocks import Config
+from gateway.config.devices import UsblDevice, UsblPrior
 from gateway.emulator.trajectory import Trajectory
 from gateway.messages import UsblFix
 from gateway.nav.attitude import C_from_euler

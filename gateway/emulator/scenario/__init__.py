@@ -21,7 +21,6 @@ from gateway.emulator.scenario.aiding import (
     GnssModel,
     HeadingModel,
 )
-from gateway.emulator.scenario.block import Probability, SoundSpeed
 from gateway.emulator.scenario.file import DeviceModel, Initial, Mobile, Scenario, codec_options
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
 from gateway.emulator.scenario.imu import ImuErrors, ImuModel, Warming
@@ -63,12 +62,10 @@ __all__ = [
     "Message",
     "Mobile",
     "Outliers",
-    "Probability",
     "PtyPort",
     "Scenario",
     "SerialPort",
     "Sheet",
-    "SoundSpeed",
     "Spiral",
     "Sway",
     "TcpServerPort",

@@ -5,18 +5,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from gateway.config.blocks import (
-    Clock,
-    LblNoise,
-    LblPrior,
-    NonNegative,
-    Positive,
-    SigmaTriple,
-    Triple,
-    UsblNoise,
-    UsblPrior,
-)
-from gateway.emulator.scenario.block import Block, Probability
+from gateway.config.block import Block, NonNegative, Positive, Probability, SigmaTriple, Triple
+from gateway.config.devices import Clock, LblNoise, LblPrior, UsblNoise, UsblPrior
 from gateway.emulator.scenario.ports import AnyPort
 
 Message = Literal["fix", "angles", "differences", "rate"]

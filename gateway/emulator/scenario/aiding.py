@@ -5,17 +5,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from gateway.config.blocks import (
-    Clock,
-    DepthNoise,
-    DvlNoise,
-    GnssNoise,
-    HeadingNoise,
-    NonNegative,
-    Positive,
-    Triple,
-)
-from gateway.emulator.scenario.block import Block, Probability
+from gateway.config.block import Block, NonNegative, Positive, Probability, Triple
+from gateway.config.devices import Clock, DepthNoise, DvlNoise, GnssNoise, HeadingNoise
 from gateway.emulator.scenario.ports import AnyPort
 
 Quality = Annotated[int, Meta(ge=1, le=5)]

@@ -8,9 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from gateway.config.blocks import NonNegative, Positive
-from gateway.config.nmea import Name
-from gateway.emulator.scenario.block import Block
+from gateway.config.block import Block, Name, NonNegative, Positive
 
 Share = Annotated[float, Meta(gt=0, le=1)]
 Count = Annotated[int, Meta(ge=1, le=65_536)]

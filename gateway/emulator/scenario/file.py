@@ -6,11 +6,10 @@ import msgspec
 from msgspec import Meta
 
 from drivers import registry
-from gateway.config.blocks import Beacon, InitialSigma, NonNegative, Positive
-from gateway.config.nmea import Name
+from gateway.config.block import Block, Name, NonNegative, Positive, SoundSpeed
+from gateway.config.blocks import Beacon, InitialSigma
 from gateway.emulator.scenario.acoustic import LblModel, UsblModel
 from gateway.emulator.scenario.aiding import AidingModel
-from gateway.emulator.scenario.block import Block, SoundSpeed
 from gateway.emulator.scenario.faults import AnyFault
 from gateway.emulator.scenario.imu import ImuModel
 from gateway.emulator.scenario.trajectory import Track

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from gateway.config.blocks import ImuNoise, NonNegative, Positive
-from gateway.emulator.scenario.block import Block
+from gateway.config.block import Block, NonNegative, Positive
+from gateway.config.devices import ImuNoise
 
 Grade = Literal["navigation_fog", "tactical_fog", "mems"]
 

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from gateway.config.blocks import Clock, ImuNoise, NonNegative, Positive, Triple
-from gateway.emulator.scenario.block import Block
+from gateway.config.block import Block, NonNegative, Positive, Triple
+from gateway.config.devices import Clock, ImuNoise
 from gateway.emulator.scenario.grades import GRADES, Grade, Sheet
 from gateway.emulator.scenario.ports import AnyPort
 

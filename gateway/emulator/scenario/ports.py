@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from drivers.settings import Port
-from gateway.emulator.scenario.block import Block
+from gateway.config.block import Block
 
 
 class UdpPort(Block, frozen=True, tag_field="type", tag="udp"):

@@ -2,8 +2,7 @@
 
 from typing import Literal
 
-from gateway.config.blocks import Latitude, Longitude, NonNegative, Positive
-from gateway.emulator.scenario.block import Block
+from gateway.config.block import Block, Latitude, Longitude, NonNegative, Positive
 
 
 class Wave(Block, frozen=True):
