@@ -6,26 +6,21 @@ They see a draft: a hole (see `gateway.schema.known`) stands where a fault has b
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from ipaddress import ip_address, ip_network
 from itertools import combinations
 
 from drivers import registry
-from drivers.settings import PtyLink, SerialLink, StdioLink, TcpLink, UdpLink
 from gateway.config.block import Triple
 from gateway.config.blocks import Config
-from gateway.config.devices import Device, GnssDevice, ImuDevice, ImuNoise, LblDevice, UsblDevice
-from gateway.config.lines import line_faults, shares_line, sharing_faults
+from gateway.config.devices import GnssDevice, ImuDevice, ImuNoise, LblDevice, UsblDevice
+from gateway.config.drafts import readable_devices
+from gateway.config.lines import line_faults, sharing_faults
 from gateway.config.outputs import output_faults
-from gateway.config.zenoh import ZenohOutput
+from gateway.config.ports import address_faults, port_faults
 from gateway.schema import build, known
 
 EARTH_RATE_DEG_H = 15.041
 MAX_COMPASS_SIGMA_DEG = 10.0
 """A compass worse than this is none."""
-_ANYWHERE = {"0.0.0.0", "::", ""}
-_HERE = {"127.0.0.1", "::1", "localhost"}
-
 COARSE_S = 0.05
 """A time told in longer steps says less than the arrival of the sentence."""
 
@@ -34,11 +29,6 @@ def cross_faults(config: Config) -> Iterator[str]:
     """Every fault that shows only where blocks meet."""
     for check in _CHECKS:
         yield from check(config)
-
-
-def _readable(config: Config) -> dict[str, Device]:
-    devices = config.devices if known(config.devices) else {}
-    return {name: device for name, device in devices.items() if known(device)}
 
 
 def _one_imu(config: Config) -> Iterator[str]:
@@ -53,13 +43,13 @@ def _one_imu(config: Config) -> Iterator[str]:
 
 def _one_of_a_kind(config: Config) -> Iterator[str]:
     for kind in ("usbl", "lbl", "gnss"):
-        alike = [name for name, device in _readable(config).items() if device.kind == kind]
+        alike = [name for name, device in readable_devices(config).items() if device.kind == kind]
         if len(alike) > 1:
             yield f"devices: {', '.join(alike)} are all of kind {kind}; only one is available yet"
 
 
 def _codecs(config: Config) -> Iterator[str]:
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not known(device.codec):
             continue
         try:
@@ -81,7 +71,7 @@ def _codecs(config: Config) -> Iterator[str]:
 def _beacons(config: Config) -> Iterator[str]:
     if not known(config.beacons):
         return
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not config.beacons and isinstance(device, UsblDevice | LblDevice):
             yield f"beacons: missing; devices.{name} needs at least one"
             return
@@ -109,7 +99,7 @@ def _shared_constants(config: Config) -> Iterator[str]:
     """Lever arm and latency are estimated for one acoustic device, of which there may be two."""
     acoustic = {
         name: device
-        for name, device in _readable(config).items()
+        for name, device in readable_devices(config).items()
         if isinstance(device, UsblDevice | LblDevice)
     }
     if len(acoustic) < 2:
@@ -129,7 +119,7 @@ def _shared_constants(config: Config) -> Iterator[str]:
 def _latencies(config: Config) -> Iterator[str]:
     if not known(config.filter) or not known(config.filter.history_s):
         return
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not known(device.clock) or not known(device.clock.latency_ms):
             continue
         if device.clock.latency_ms >= 1000 * config.filter.history_s:
@@ -137,109 +127,6 @@ def _latencies(config: Config) -> Iterator[str]:
                 f"devices.{name}.clock.latency_ms: {device.clock.latency_ms:g} ms is not within "
                 f"filter.history_s ({config.filter.history_s:g} s); all its data would be too late"
             )
-
-
-@dataclass(frozen=True)
-class _Claim:
-    """Something only one device or output can have."""
-
-    owner: str
-    what: str
-    address: str = ""
-    senders: tuple[str, ...] = ()
-    device: Device | None = None
-
-    def clashes(self, other: "_Claim") -> bool:
-        if self.device and other.device and shares_line(self.device, other.device):
-            return False
-        same = self.address == other.address
-        meet = same or _ANYWHERE & {self.address, other.address}
-        return self.what == other.what and bool(meet) and not (same and self._is_apart(other))
-
-    def _is_apart(self, other: "_Claim") -> bool:
-        """Whether each names its senders, and none is named by both."""
-        try:
-            ours, theirs = ([ip_network(n, strict=False) for n in c.senders] for c in (self, other))
-        except ValueError:
-            return True  # which is a fault of its own
-        overlap = any(a.version == b.version and a.overlaps(b) for a in ours for b in theirs)
-        return bool(ours and theirs) and not overlap
-
-
-def _claims(config: Config) -> Iterator[_Claim]:
-    for name, device in _readable(config).items():
-        match device.link:
-            case SerialLink(port=port) if known(port):
-                yield _Claim(f"devices.{name}", f"serial port {port}", device=device)
-            case UdpLink(port=port, bind=bind, group=group, allow=allow) if known(
-                port, bind, group, allow, *(allow if known(allow) else ())
-            ):
-                yield _Claim(f"devices.{name}", f"UDP port {port}", group or bind, allow, device)
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        owner = f"outputs[{n}]"
-        if isinstance(output, ZenohOutput):
-            yield _Claim(owner, "the Zenoh session")
-        elif known(output):
-            match output.link:
-                case SerialLink(port=port) if known(port):
-                    yield _Claim(owner, f"serial port {port}")
-                case TcpLink(port=port, bind=bind) if known(port, bind):
-                    yield _Claim(owner, f"TCP port {port}", bind)
-                case PtyLink(symlink=symlink) if known(symlink):
-                    yield _Claim(owner, f"the pty {symlink}")
-                case StdioLink():
-                    yield _Claim(owner, "standard output")
-
-
-def _collisions(config: Config) -> Iterator[str]:
-    earlier: list[_Claim] = []
-    for claim in _claims(config):
-        taken = next((other for other in earlier if claim.clashes(other)), None)
-        if taken is not None:
-            ways_out = _ways_out(claim, taken)
-            yield f"{claim.owner}: {claim.what} is already used by {taken.owner}{ways_out}"
-        earlier.append(claim)
-
-
-def _ways_out(claim: _Claim, taken: _Claim) -> str:
-    """How two could have the same port after all."""
-    if not (claim.device and taken.device):
-        return ""
-    alike = claim.device.link == taken.device.link
-    unlike = f"for codec {taken.device.codec}" if alike else "with other settings"
-    apart = ", or let allow of each name its own senders" if claim.what[:3] == "UDP" else ""
-    return f" {unlike}; to share its line let link and codec be the same{apart}"
-
-
-def _echoes(config: Config) -> Iterator[str]:
-    """Outputs that a device of ours would hear."""
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        if not known(output) or isinstance(output, ZenohOutput):
-            continue
-        if not isinstance(output.link, UdpLink) or not known(output.link.host, output.link.port):
-            continue
-        for name, device in _readable(config).items():
-            if isinstance(device.link, UdpLink) and _hears(device.link, output.link):
-                port = output.link.port
-                yield f"outputs[{n}]: devices.{name} listens on UDP port {port}; it would hear this"
-
-
-def _hears(heard: UdpLink, said: UdpLink) -> bool:
-    """Whether what is said to a host of this machine, or its group, comes in on a port."""
-    if not known(heard.port, heard.bind, heard.group, heard.allow) or heard.port != said.port:
-        return False
-    if heard.group is not None:
-        return said.host == heard.group
-    is_here = said.host == "localhost" or _is_loopback(said.host)
-    admits = not heard.allow or any(str(source).startswith("127.") for source in heard.allow)
-    return said.host == heard.bind or (is_here and heard.bind in _ANYWHERE | _HERE and admits)
-
-
-def _is_loopback(text: str) -> bool:
-    try:
-        return ip_address(text).is_loopback
-    except ValueError:
-        return False
 
 
 def _alignment(config: Config) -> Iterator[str]:
@@ -253,7 +140,7 @@ def _alignment(config: Config) -> Iterator[str]:
         if known(first.sigma) and first.sigma.attitude_deg is None:
             yield "initial.sigma.attitude_deg: missing"
     elif first.align.heading == "gyrocompass" and known(first.lat_deg):
-        for name, device in _readable(config).items():
+        for name, device in readable_devices(config).items():
             if isinstance(device, ImuDevice) and known(device.noise):
                 yield from _no_compass(name, device.noise, first.lat_deg)
     elif first.align.heading == "gnss_course" and known(config.devices):
@@ -276,36 +163,9 @@ def _no_compass(name: str, noise: ImuNoise, lat_deg: float) -> Iterator[str]:
         )
 
 
-def _addresses(config: Config) -> Iterator[str]:
-    for name, device in _readable(config).items():
-        if not isinstance(device.link, UdpLink):
-            continue
-        path, link = f"devices.{name}.link", device.link
-        for n, source in enumerate(link.allow if known(link.allow) else ()):
-            if known(source) and not _is_network(source):
-                yield f'{path}.allow[{n}]: expected an address or network, got "{source}"'
-        if known(link.group) and link.group is not None and not _is_multicast(link.group):
-            yield f'{path}.group: expected a multicast address, got "{link.group}"'
-
-
-def _is_network(text: str) -> bool:
-    try:
-        ip_network(text, strict=False)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_multicast(text: str) -> bool:
-    try:
-        return ip_address(text).is_multicast
-    except ValueError:
-        return False
-
-
 def _clock_sources(config: Config) -> Iterator[str]:
     """A device's time that says nothing, or less than the arrival of what tells it."""
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not known(device.clock) or not known(device.codec) or device.kind == "imu":
             continue
         path = f"devices.{name}.clock.source"
@@ -319,7 +179,7 @@ def _clock_sources(config: Config) -> Iterator[str]:
 
 
 def _array(config: Config) -> Iterator[str]:
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not isinstance(device, UsblDevice):
             continue
         path, limits = f"devices.{name}", device.range_limits_m
@@ -352,7 +212,7 @@ def _recording(config: Config) -> Iterator[str]:
 
 
 def _pulses(config: Config) -> Iterator[str]:
-    for name, device in _readable(config).items():
+    for name, device in readable_devices(config).items():
         if not known(device.clock) or not known(device.clock.source, device.clock.pulses):
             continue
         path, clock = f"devices.{name}.clock", device.clock
@@ -374,10 +234,9 @@ _CHECKS = (
     _latencies,
     _clock_sources,
     _alignment,
-    _collisions,
-    _echoes,
+    port_faults,
     sharing_faults,
-    _addresses,
+    address_faults,
     line_faults,
     output_faults,
     _pulses,

@@ -7,6 +7,7 @@ from pathlib import Path
 from drivers.settings import SerialLink
 from gateway.config.blocks import Config
 from gateway.config.devices import Device
+from gateway.config.drafts import readable_devices, readable_outputs
 from gateway.config.zenoh import ZenohOutput
 from gateway.schema import known
 
@@ -46,14 +47,12 @@ def advice(config: Config, folders: tuple[Path, ...] = STABLE_NAMES) -> Iterator
 
 
 def _serial_lines(config: Config) -> Iterator[tuple[str, SerialLink]]:
-    for name, device in (config.devices if known(config.devices) else {}).items():
-        if known(device) and isinstance(device.link, SerialLink):
+    for name, device in readable_devices(config).items():
+        if isinstance(device.link, SerialLink):
             yield f"devices.{name}.link", device.link
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
-        if not known(output) or isinstance(output, ZenohOutput):
-            continue
-        if isinstance(output.link, SerialLink):
-            yield f"outputs[{n}].link", output.link
+    for path, output in readable_outputs(config):
+        if not isinstance(output, ZenohOutput) and isinstance(output.link, SerialLink):
+            yield f"{path}.link", output.link
 
 
 def _names_of(port: str, folders: tuple[Path, ...]) -> Iterator[Path]:
@@ -72,9 +71,7 @@ def shares_line(one: Device, other: Device) -> bool:
 def sharing_faults(config: Config) -> Iterator[str]:
     """Devices on one line of which nobody could tell whose a record is, or how to read it."""
     heard: list[tuple[str, Device]] = []
-    for name, device in (config.devices if known(config.devices) else {}).items():
-        if not known(device):
-            continue
+    for name, device in readable_devices(config).items():
         for other_name, other in heard:
             if not shares_line(device, other):
                 continue

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from gateway.config.blocks import Config
+from gateway.config.drafts import readable_outputs
 from gateway.config.nmea import DEPTH_SENTENCES, OWN_SENTENCES, NmeaOutput
 from gateway.config.zenoh import ZenohOutput
 from gateway.schema import known, suggest
@@ -16,9 +17,9 @@ def output_faults(config: Config) -> Iterator[str]:
 
 
 def _zenoh(config: Config) -> Iterator[str]:
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+    for path, output in readable_outputs(config):
         if isinstance(output, ZenohOutput):
-            yield from _zenoh_output(output, f"outputs[{n}]")
+            yield from _zenoh_output(output, path)
 
 
 def _zenoh_output(output: ZenohOutput, path: str) -> Iterator[str]:
@@ -49,28 +50,28 @@ def _is_tls(endpoint: str) -> bool:
 
 def _depths(config: Config) -> Iterator[str]:
     """A depth to be sent needs to know where the surface is."""
-    for n, output in enumerate(config.outputs if known(config.outputs) else ()):
+    for path, output in readable_outputs(config):
         if not isinstance(output, NmeaOutput) or not known(output.sentences):
             continue
         asked = [name for name in output.sentences if name in DEPTH_SENTENCES]
         if asked and output.surface_height_m is None:
             yield (
-                f"outputs[{n}].surface_height_m: missing; {asked[0]} needs the height of the"
+                f"{path}.surface_height_m: missing; {asked[0]} needs the height of the"
                 " water's surface above the ellipsoid"
             )
 
 
 def _outputs_of_targets(config: Config) -> Iterator[str]:
     """What is to speak of a target needs one, and sentences that a target has."""
-    if not known(config.outputs, config.beacons):
+    if not known(config.beacons):
         return
     names = [target.name for target in config.targets.values()]
-    for n, output in enumerate(config.outputs):
+    for path, output in readable_outputs(config):
         if not isinstance(output, NmeaOutput) or not known(output.target, output.sentences):
             continue
         if output.target is not None and output.target not in names:
             unknown = f"no target is called {output.target}; {suggest(output.target, names)}"
-            yield f"outputs[{n}].target: {unknown}"
+            yield f"{path}.target: {unknown}"
         unfit = [name for name in output.sentences if name in OWN_SENTENCES]
         if output.target is not None and unfit:
-            yield f"outputs[{n}].sentences: {', '.join(unfit)} cannot be said of a target"
+            yield f"{path}.sentences: {', '.join(unfit)} cannot be said of a target"
