@@ -36,5 +36,7 @@ class NmeaOutput(Block, frozen=True, kw_only=True, tag_field="type", tag="nmea")
     talker: Annotated[str, Meta(pattern=r"\A[A-Z]{2}\Z", description="two capital letters")] = "GP"
     surface_height_m: float | None = None
     """Of the water's surface above the ellipsoid (geoid and tide), for sentences with a depth."""
+    range_error_m: Annotated[float, Meta(gt=0)] | None = None
+    """What a dilution of 1 stands for with readers that take their errors from dilutions alone."""
     target: Name | None = None
     """Name of a target of which the sentences speak as if it were the vessel; once a second."""

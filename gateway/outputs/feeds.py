@@ -156,7 +156,15 @@ class _NmeaFeed:
 
     def _send(self, report: NavReport | None, utc_ns: int) -> None:
         s = self._settings
-        self._sink.send(nmea.epoch(report, utc_ns, s.sentences, s.talker, s.surface_height_m))
+        sentences = nmea.epoch(
+            report,
+            utc_ns,
+            s.sentences,
+            s.talker,
+            surface_height_m=s.surface_height_m,
+            range_error_m=s.range_error_m,
+        )
+        self._sink.send(sentences)
 
 
 class _TargetFeed(_NmeaFeed):

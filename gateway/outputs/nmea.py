@@ -3,7 +3,7 @@
 ========  ======================================================================================
 sentence  fields (unit, format); every one ends in ``*`` checksum CRLF and fits 82 characters
 ========  ======================================================================================
-GGA       UTC, lat, N/S, lon, E/W, quality, 00 satellites, (HDOP empty), height, M, 0.0, M, , ,
+GGA       UTC, lat, N/S, lon, E/W, quality, 00 satellites, (HDOP), height, M, 0.0, M, , ,
 GLL       lat, N/S, lon, E/W, UTC, status, mode
 RMC       UTC, status, lat, N/S, lon, E/W, knots, course, ddmmyy, , , mode
 VTG       course, T, , M, knots, N, km/h, K, mode
@@ -12,7 +12,7 @@ THS       heading, mode
 ZDA       UTC, day, month, year, 00, 00
 GST       UTC, , major (m), minor (m), orientation, sigma lat, lon, height (m)
 GBS       UTC, sigma lat, lon, height (m), , , ,
-GSA       A, 3 or 1, twelve times nothing, , ,
+GSA       A, 3 or 1, twelve times nothing, (PDOP), (HDOP), (VDOP)
 DPT       depth (m), 0.0
 DBT, DBS  depth (feet), f, depth (m), M, depth (fathoms), F
 PUNAV     UTC, state, roll, pitch, heading, depth, sigma horizontal, depth (m), roll, pitch, heading
@@ -78,6 +78,7 @@ class _Epoch:
     state: str
     nav: NavReport | None
     surface_height_m: float | None
+    range_error_m: float | None
 
 
 def epoch(
@@ -85,7 +86,9 @@ def epoch(
     utc_ns: int,
     sentences: Sequence[str],
     talker: str = "GP",
+    *,
     surface_height_m: float | None = None,
+    range_error_m: float | None = None,
 ) -> bytes:
     """Write the sentences of one epoch.
 
@@ -102,8 +105,10 @@ def epoch(
         Two letters in front of each standard sentence.
     surface_height_m
         Of the water's surface above the ellipsoid; without it there is no depth to send.
+    range_error_m
+        What readers multiply a dilution of precision by; without it dilutions are empty fields.
     """
-    data = _prepare(report, utc_ns, surface_height_m)
+    data = _prepare(report, utc_ns, surface_height_m, range_error_m)
     parts = []
     for name in sentences:
         fields = _WRITERS[name](data) if name in _WRITERS else None
@@ -112,7 +117,12 @@ def epoch(
     return b"".join(parts)
 
 
-def _prepare(report: NavReport | None, utc_ns: int, surface_height_m: float | None) -> _Epoch:
+def _prepare(
+    report: NavReport | None,
+    utc_ns: int,
+    surface_height_m: float | None,
+    range_error_m: float | None,
+) -> _Epoch:
     state = _STATES[report.mode] if report else "N"
     claim, nav = _NOTHING, None
     if report is not None:
@@ -122,13 +132,14 @@ def _prepare(report: NavReport | None, utc_ns: int, surface_height_m: float | No
     seconds, hundredths = divmod((utc_ns + 5_000_000) // 10_000_000, 100)
     date = datetime.fromtimestamp(seconds, UTC)
     time = f"{date:%H%M%S}.{hundredths:02d}"
-    return _Epoch(time, date, claim, state, nav, surface_height_m)
+    return _Epoch(time, date, claim, state, nav, surface_height_m, range_error_m)
 
 
 def _gga(e: _Epoch) -> list[str]:
     nav = e.nav
     height = ["", "", "", ""] if nav is None else [_number(nav.height_m, 2), "M", "0.0", "M"]
-    return [e.time, *_position(nav), e.claim.quality, "00", "", *height, "", ""]
+    _, hdop, _ = _dilutions(e)
+    return [e.time, *_position(nav), e.claim.quality, "00", hdop, *height, "", ""]
 
 
 def _gll(e: _Epoch) -> list[str]:
@@ -179,7 +190,17 @@ def _gbs(e: _Epoch) -> list[str]:
 
 
 def _gsa(e: _Epoch) -> list[str]:
-    return ["A", "1" if e.nav is None else "3", *[""] * 15]
+    return ["A", "1" if e.nav is None else "3", *[""] * 12, *_dilutions(e)]
+
+
+def _dilutions(e: _Epoch) -> tuple[str, str, str]:
+    """PDOP, HDOP and VDOP as the sigmas they stand for would have made them."""
+    if e.nav is None or e.range_error_m is None:
+        return "", "", ""
+    across, down = math.hypot(e.nav.sd_n_m, e.nav.sd_e_m), e.nav.sd_d_m
+    whole = math.hypot(across, down)
+    pdop, hdop, vdop = (_sigma(sigma / e.range_error_m) for sigma in (whole, across, down))
+    return pdop, hdop, vdop
 
 
 def _dpt(e: _Epoch) -> list[str] | None:

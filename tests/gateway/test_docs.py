@@ -18,7 +18,7 @@ import yaml
 from gateway import cli
 from gateway.arguments import command_line
 from gateway.commands.linktext import read_link
-from gateway.config import load
+from gateway.config import NmeaOutput, load
 from gateway.errors import ConfigError
 from tests.shared_data import ROOT
 
@@ -220,12 +220,14 @@ def test_every_configuration_is_sound(page: str, k: int, tmp_path: Path) -> None
     assert load(tmp_path / "config.yaml").devices.keys() == block["devices"].keys()
 
 
-def test_outputs_to_plotters_are_sound(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("k", "count"), [(0, 4), (1, 1)])
+def test_outputs_to_plotters_are_sound(k: int, count: int, tmp_path: Path) -> None:
     shutil.copy(ROOT / "config.yaml", tmp_path)
-    nmea = yaml.safe_load(blocks(ROOT / "docs" / "outputs.md", "yaml")[0])
+    nmea = yaml.safe_load(blocks(ROOT / "docs" / "outputs.md", "yaml")[k])
     packaged = yaml.safe_load((tmp_path / "config.yaml").read_text(encoding="utf-8"))
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(packaged | nmea))
-    assert len(load(tmp_path / "config.yaml").outputs) == 4
+    outputs = load(tmp_path / "config.yaml").outputs
+    assert [type(output) for output in outputs] == [NmeaOutput] * count
 
 
 @pytest.mark.parametrize(

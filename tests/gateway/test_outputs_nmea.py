@@ -28,7 +28,8 @@ def report(**changes: object) -> NavReport:
 
 def write(nav: NavReport | None, *sentences: str, utc_ns: int = NOON_NS) -> dict[str, list[str]]:
     """Fields of each sentence of an epoch by name, as they stand on the line."""
-    lines = nmea.epoch(nav, utc_ns, sentences or ALL, "GP", SURFACE_M).decode().split("\r\n")[:-1]
+    data = nmea.epoch(nav, utc_ns, sentences or ALL, "GP", surface_height_m=SURFACE_M)
+    lines = data.decode().split("\r\n")[:-1]
     bodies = [line[1 : line.index("*")].split(",") for line in lines]
     return {body[0].removeprefix("GP"): body[1:] for body in bodies}
 
@@ -107,7 +108,8 @@ def test_the_time_is_right_to_the_hundredth_with_its_date(nav: NavReport) -> Non
 @settings(max_examples=300, deadline=None)
 @given(reports(tuple(Mode)))
 def test_every_sentence_fits_and_ends_as_it_must(nav: NavReport) -> None:
-    for line in nmea.epoch(nav, 0, ALL, "GP", SURFACE_M).split(b"\r\n")[:-1]:
+    data = nmea.epoch(nav, 0, ALL, "GP", surface_height_m=SURFACE_M, range_error_m=5.1)
+    for line in data.split(b"\r\n")[:-1]:
         check = 0
         for byte in line[1:-3]:
             check ^= byte
@@ -209,6 +211,15 @@ def test_a_depth_is_known_where_the_surface_is_and_never_negative() -> None:
     assert nmea.epoch(report(), 0, DEPTHS) == b""
     got = write(report(height_m=SURFACE_M + 0.4))
     assert (got["DPT"][0], got["DBT"][2], got["DBS"][2]) == ("0.00", "0.00", "0.00")
+
+
+def test_dilutions_are_what_makes_the_sigmas_of_a_range_error() -> None:
+    nav = report(sd_n_m=3.0, sd_e_m=4.0, sd_d_m=12.0)
+    got = parse(nmea.epoch(nav, 0, ("GGA", "GSA"), range_error_m=2.0))
+    assert got["GGA"].HDOP == got["GSA"].HDOP == 2.5
+    assert (got["GSA"].PDOP, got["GSA"].VDOP) == (6.5, 6.0)
+    without = (nmea.epoch(nav, 0, ("GGA",)), nmea.epoch(None, 0, ("GGA",), range_error_m=2.0))
+    assert {parse(data)["GGA"].HDOP for data in without} == {""}
 
 
 def test_the_order_and_the_talker_are_the_users() -> None:
