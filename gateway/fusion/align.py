@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.nav.compiled import compiled
+from gateway.fusion.window import Sway, Window, carried
 from gateway.nav.earth import OMEGA_IE, gravity, radii
 from gateway.nav.lie import exp_so3, skew
 from gateway.nav.strapdown import GAP_FORCE, GAP_TURN
@@ -122,41 +122,6 @@ class Found:
         return ""
 
 
-@dataclass(frozen=True)
-class _Window:
-    """The samples of a window in inertially fixed axes, about its middle.
-
-    ``tau`` (n + 1,) time from the middle sample (s), ``u`` (n + 1, 3) velocity, ``D_mid`` (3, 3)
-    axes of the middle sample in those of the beginning, ``turn`` (3,) mean rate, ``blind`` sum of
-    the cubes of the gaps (s^3) over three.
-    """
-
-    tau: Array
-    u: Array
-    D_mid: Array
-    turn: Array
-    blind: float
-
-    @property
-    def span(self) -> float:
-        """Length, s."""
-        return float(self.tau[-1] - self.tau[0])
-
-    def parabola(self, u: Array) -> tuple[Array, Array, Array]:
-        """Slope and curvature at the middle, and what is left over.  # (M.121)"""
-        x = self.tau / self.span
-        basis = np.column_stack([np.ones_like(x), x, 0.5 * x * x])
-        coefficients = np.linalg.lstsq(basis, u)[0]
-        rest = u - basis @ coefficients
-        return coefficients[1] / self.span, coefficients[2] / self.span**2, rest
-
-    def displacement(self, rest: Array) -> Array:
-        """(n + 1, 3) integral of `rest` about its mean, m."""
-        step = 0.5 * np.diff(self.tau)[:, None] * (rest[1:] + rest[:-1])
-        s = np.vstack([np.zeros((1, 3)), np.cumsum(step, axis=0)])
-        return np.asarray(s - s.mean(axis=0))
-
-
 def level(rows: Array, site: Site, grade: Grade, heading: float, heading_sd: float) -> Found:
     """Level of a window, with a heading from elsewhere.  # (M.122)-(M.126)
 
@@ -167,7 +132,7 @@ def level(rows: Array, site: Site, grade: Grade, heading: float, heading_sd: flo
     heading, heading_sd
         Heading at the beginning of the window and its 1-sigma, rad.
     """
-    window = _carried(rows)
+    window = carried(rows)
     a_b, b_b, rest = window.parabola(window.u)
     a_n, _ = _expected(window, site)
     bow = window.D_mid.T[:, 0]  # where the bow of the beginning points, in the axes of the middle
@@ -177,7 +142,7 @@ def level(rows: Array, site: Site, grade: Grade, heading: float, heading_sd: flo
         C_mid = _triad(a_b, bow, a_n, np.array([math.cos(course), math.sin(course), 0.0]))
         C_begin = _at_begin(C_mid, window, site)
         course += heading - math.atan2(C_begin[1, 0], C_begin[0, 0])
-    sway = _Sway(window, rest, C_mid @ window.D_mid.T)
+    sway = Sway(window, rest, C_mid @ window.D_mid.T)
     parts = _level_parts(window, sway, site, grade, C_mid @ b_b)
     noise = _variance(parts, but="bias")
     to_begin = _carry(window, site)
@@ -203,12 +168,12 @@ def gyrocompass(rows: Array, site: Site, grade: Grade) -> Found:
     rows
         (n, 8) samples, see `gateway.messages.ImuBlock`.
     """
-    window = _carried(rows)
+    window = carried(rows)
     a_b, b_b, rest = window.parabola(window.u)
     a_n, b_n = _expected(window, site)
     C_mid = _triad(window.D_mid.T @ a_b, window.D_mid.T @ b_b, a_n, b_n)
     C_begin = _at_begin(C_mid, window, site)
-    sway = _Sway(window, rest, C_mid @ window.D_mid.T)
+    sway = Sway(window, rest, C_mid @ window.D_mid.T)
     levels = _level_parts(window, sway, site, grade, b_n)
     headings = _heading_parts(window, sway, site, grade)
     noise = _variance(levels, but="bias")
@@ -251,53 +216,7 @@ def course(v_n: Array, sigma_v: float, sigma_crab: float, min_speed: float) -> t
     return math.atan2(v_n[1], v_n[0]), math.hypot(sigma_v / speed, sigma_crab)
 
 
-def attitudes(rows: Array) -> Array:
-    """(n, 3, 3) inertial attitude after each sample in the axes of the window's beginning."""
-    u, D = np.zeros((len(rows) + 1, 3)), np.zeros((len(rows), 3, 3))
-    _carry_along(rows, u, D, np.zeros(3))
-    return D
-
-
-class _Sway:
-    """What is left of the motion: rms of velocity (3,), and of horizontal displacement an axis."""
-
-    def __init__(self, window: _Window, rest: Array, C_ni: Array) -> None:
-        self.velocity: Array = np.sqrt(np.mean((rest @ C_ni.T) ** 2, axis=0))
-        s = window.displacement(rest) @ C_ni.T
-        self.displacement = float(np.sqrt(np.mean(s[:, :2] ** 2)))
-
-
-def _carried(rows: Array) -> _Window:
-    """Samples in the axes of the window's beginning.  # (M.120)"""
-    u, D, turned = np.zeros((len(rows) + 1, 3)), np.zeros((len(rows), 3, 3)), np.zeros(3)
-    _carry_along(rows, u, D, turned)
-    t = np.concatenate([[0.0], np.cumsum(rows[:, 0])])
-    middle = int(np.argmin(np.abs(t[1:] - 0.5 * t[-1])))
-    blind = float(np.sum((rows[:, 0] * (rows[:, 7] > 0.0)) ** 3)) / 3.0
-    return _Window(t - t[middle + 1], u, D[middle].copy(), turned / t[-1], blind)
-
-
-@compiled
-def _carry_along(rows: Array, u: Array, D: Array, turned: Array) -> None:
-    """Fill velocity `u` (n + 1, 3), attitude `D` (n, 3, 3) and rotation `turned` (3,).
-
-    With `skew`, for numba takes 5 s to compile `np.cross`.
-    """
-    C = np.eye(3)
-    dth0, dvl0 = np.zeros(3), np.zeros(3)
-    for k in range(rows.shape[0]):
-        dth, dvl = rows[k, 1:4].copy(), rows[k, 4:7].copy()
-        phi = dth + skew(dth0) @ dth / 12.0
-        dv = dvl + 0.5 * skew(dth) @ dvl
-        dv += (skew(dth0) @ dvl + skew(dvl0) @ dth) / 12.0
-        u[k + 1] = u[k] + C @ dv
-        turned += C @ phi
-        C = C @ exp_so3(phi)
-        D[k] = C
-        dth0, dvl0 = dth, dvl
-
-
-def _expected(window: _Window, site: Site) -> tuple[Array, Array]:
+def _expected(window: Window, site: Site) -> tuple[Array, Array]:
     """Slope and curvature of a vehicle without sway, NED at the middle.  # (M.121)"""
     W, term, u = skew(site.omega_in_n), site.f_n, np.zeros((len(window.tau), 3))
     power = np.ones_like(window.tau)
@@ -321,12 +240,12 @@ def _axes(a: Array, b: Array) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _at_begin(C_mid: Array, window: _Window, site: Site) -> Array:
+def _at_begin(C_mid: Array, window: Window, site: Site) -> Array:
     """Attitude at the beginning in the level of there.  # (M.123)"""
     return np.asarray(exp_so3(-window.tau[0] * site.omega_in_n) @ C_mid @ window.D_mid.T)
 
 
-def _carry(window: _Window, site: Site) -> Array:
+def _carry(window: Window, site: Site) -> Array:
     """(3, 3) what becomes of an attitude error on the way back to the beginning."""
     return np.asarray(exp_so3(-window.tau[0] * site.omega_in_n))
 
@@ -341,7 +260,7 @@ def _level_rate(site: Site) -> float:
     return math.hypot(site.omega_in_n[0], site.omega_in_n[1])
 
 
-def _turn_rate(window: _Window, site: Site) -> float:
+def _turn_rate(window: Window, site: Site) -> float:
     """Mean yaw rate, rad/s."""
     slope, _, _ = window.parabola(window.u)
     yaw = -window.turn @ slope / np.linalg.norm(slope)
@@ -349,7 +268,7 @@ def _turn_rate(window: _Window, site: Site) -> float:
 
 
 def _level_parts(
-    window: _Window, sway: _Sway, site: Site, grade: Grade, b_n: Array
+    window: Window, sway: Sway, site: Site, grade: Grade, b_n: Array
 ) -> dict[str, float]:
     """1-sigma of the tilt by origin, rad.  # (M.125), (M.126)"""
     T, g = window.span, site.g
@@ -367,12 +286,12 @@ def _level_parts(
     }
 
 
-def _sway_jerk(window: _Window, sway: _Sway) -> float:
+def _sway_jerk(window: Window, sway: Sway) -> float:
     """1-sigma of the curvature by sway, m/s^3.  # (M.129)"""
     return 60.0 * math.sqrt(2.0) * sway.displacement / window.span**3
 
 
-def _heading_parts(window: _Window, sway: _Sway, site: Site, grade: Grade) -> dict[str, float]:
+def _heading_parts(window: Window, sway: Sway, site: Site, grade: Grade) -> dict[str, float]:
     """1-sigma of the gyrocompass heading by origin, rad.  # (M.128)-(M.131)"""
     T, rate = window.span, _level_rate(site)
     force = site.g * rate

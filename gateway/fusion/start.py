@@ -23,6 +23,7 @@ from gateway.fusion.initial import (
 from gateway.fusion.restart import forget
 from gateway.fusion.sighting_heading import agreed, seen_heading
 from gateway.fusion.state import ATT, BA, BG, VEL, State
+from gateway.fusion.window import attitudes
 from gateway.messages import Aligning, Component, Fix, ImuBlock, Innovation, VelocityFix
 from gateway.nav import strapdown as sd
 from gateway.nav.attitude import euler_from_C
@@ -181,7 +182,7 @@ class Start:
         if not fixes:
             return found, "no_course"
         at = np.searchsorted(t_ns, [fix.t_ns for fix in fixes])
-        turned = np.concatenate([np.eye(3)[None], align.attitudes(rows)[at]])
+        turned = np.concatenate([np.eye(3)[None], attitudes(rows)[at]])
         levers = np.array([self._model.mount(fix.device).lever_b for fix in fixes])
         v_arm_b = np.cross(rows[at, 1:4] / rows[at, :1], levers)
         sway_v = math.hypot(*found.sway_v[:2]) / math.sqrt(2.0)
@@ -205,7 +206,7 @@ class Start:
         It says about which heading the first fixes are linearised; that they are used again for
         the state is no harm, because the heading's sigma stays that of one which may be any.
         """
-        turned = align.attitudes(rows)
+        turned = attitudes(rows)
         seen = [
             seen_heading(
                 fix,

@@ -5,12 +5,13 @@ The smoother's own are left out: it runs over what is past already.
 
 import numpy as np
 
-from gateway.fusion import align, usbl
+from gateway.fusion import usbl
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import update
 from gateway.fusion.ranging import Past
 from gateway.fusion.report import solution
 from gateway.fusion.state import N_STATES, State
+from gateway.fusion.window import attitudes
 from gateway.modes import Mode
 from gateway.nav import strapdown
 from gateway.nav.lie import exp_so3, left_jacobian
@@ -25,7 +26,7 @@ def warm_up() -> None:
     strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
     state.is_sound()
     solution(state, 0, Mode.ALIGNING, None, 0, 0)
-    align.attitudes(rows)
+    attitudes(rows)
     exp_so3(np.zeros(3))
     left_jacobian(np.zeros(3))
     _use_a_fix(state)
