@@ -126,7 +126,7 @@ def _add_replay(commands: Any) -> None:
         nargs="+",
         type=Path,
         metavar="CAPTURE",
-        help="pcap or pcapng, each also gzipped; or the files of one run's recording",
+        help="pcap or pcapng, each also gzipped; or a recording: its folder, or files of one run",
     )
     parser.add_argument(
         "-c",
@@ -181,7 +181,7 @@ def _add_export(commands: Any) -> None:
         nargs="+",
         type=Path,
         metavar="RECORDING",
-        help="the files of one run's recording",
+        help="a recording: its folder, or files of one run",
     )
     _add_out(parser)
     _add_json(parser, "the counts")

@@ -6,16 +6,14 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
+from gateway.commands import tapes
 from gateway.config import load
-from gateway.errors import ConfigError
 
 
 def run(arguments: Namespace) -> int:
     """Replay the captures and print the summary."""
     config = None if arguments.config is None else load(arguments.config)
-    absent = [str(capture) for capture in arguments.captures if not capture.exists()]
-    if absent:
-        raise ConfigError([f"{capture}: no such file" for capture in absent])
+    captures = tapes.named(arguments.captures)
     from gateway import replay  # after the checks: it takes a second to import
     from gateway.nav.compiled import told_of_compiling
     from gateway.progress import bars
@@ -23,7 +21,7 @@ def run(arguments: Namespace) -> int:
     compiling = told_of_compiling(lambda: print("compiling the filter, once", file=sys.stderr))
     with compiling, bars() as tell:
         summary = replay.run(
-            arguments.captures,
+            captures,
             config,
             out=arguments.out,
             rate_hz=arguments.rate,
@@ -31,6 +29,7 @@ def run(arguments: Namespace) -> int:
             smooth=arguments.smooth,
             tell=tell,
         )
+    tapes.tell_damage(next(iter(summary.get("filters", {"": summary}).values())))
     if arguments.json:
         print(json.dumps(summary, indent=2))
     elif "filters" in summary:
@@ -77,6 +76,8 @@ def _lines(block: dict[str, Any], indent: str = "") -> Iterator[str]:
             case dict() if value:
                 yield f"{indent}{key}:"
                 yield from _lines(value, indent + "  ")
+            case list():
+                yield f"{indent}{key}: {len(value)}"
             case float():
                 yield f"{indent}{key}: {value:.6g}"
             case _:

@@ -1,16 +1,14 @@
 """Recordings as the events they were made of, in the order in which the daemon took them."""
 
-import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast, get_args
+from typing import NamedTuple, get_args
 
 import msgspec
-import zstandard
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import EndOfFile, UnsupportedCompressionError
 from mcap.records import Attachment, Channel, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from drivers.capture.files import CaptureError
@@ -19,26 +17,31 @@ from gateway.clock.utc import UtcSample
 from gateway.config import Config
 from gateway.errors import ConfigError
 from gateway.messages import SavedState
+from gateway.recording.chunks import DAMAGE, Loss, Records, strict
 from gateway.recording.events import Event, LineEvent, Pulse, Raw, Report, Topic
 from gateway.recording.file import CLOCKS, CONFIG, RESUME, RUN
 from gateway.recording.schema import LINE, PULSE, RAW, UTC, read_raw
 from gateway.resume import Resume
 from gateway.schema import build
 
-MAX_RECORD = 64 * 1024 * 1024
-"""A longer record than any recording holds is a damaged length."""
 REPORTS: dict[str, Topic] = {f"/{topic}": topic for topic in get_args(Topic)}
 
-_DAMAGE = (
-    McapError,
-    CRCValidationError,
-    zstandard.ZstdError,
-    struct.error,
-    msgspec.MsgspecError,
-    ValueError,
-    MemoryError,  # these two for a damaged length
-    OverflowError,
-)
+
+@dataclass(slots=True)
+class Damage:
+    """A stretch of a file that was passed over: the events that are missing behind it.
+
+    ``events`` is None where nothing behind it tells.
+    """
+
+    file: str
+    at_byte: int
+    bytes: int
+    events: int | None = None
+
+    def __str__(self) -> str:
+        lost = "its events" if self.events is None else f"{self.events} events"
+        return f"{self.file}: damaged at byte {self.at_byte}: {self.bytes} bytes, {lost} lost"
 
 
 @dataclass(slots=True)
@@ -46,7 +49,7 @@ class RecordingCounts:
     """What was found in a recording.
 
     ``unclosed`` files have no end: their writer was killed, or their disk failed. ``missing``
-    events were never written, ``repeated`` ones are in two files.
+    events were never written, or are in what is ``damaged``; ``repeated`` ones are in two files.
     """
 
     file_bytes: int = 0
@@ -56,6 +59,7 @@ class RecordingCounts:
     events: int = 0
     missing: int = 0
     repeated: int = 0
+    damaged: list[Damage] = field(default_factory=list)
 
 
 class _Part(NamedTuple):
@@ -90,7 +94,7 @@ class RecordedRun:
     Raises
     ------
     CaptureError
-        For a file that is no recording of the gateway's, and files of several runs.
+        For a file that is no recording of the gateway's, and files of several runs, each named.
 
     Attributes
     ----------
@@ -103,12 +107,7 @@ class RecordedRun:
     def __init__(self, paths: Sequence[Path]) -> None:
         self._parts = sorted((_begin(path) for path in paths), key=lambda part: part.sequence)
         first = self._parts[0]
-        for part in self._parts:
-            if part.run != first.run:
-                raise CaptureError(
-                    f"{part.path}: of another run of the gateway than {first.path}; each run is"
-                    " replayed by itself"
-                )
+        _refuse_several(self._parts)
         self.paths = [part.path for part in self._parts]
         self.rate_hz = first.rate_hz
         self.counts = RecordingCounts(files=len(self._parts), missing=first.sequence)
@@ -157,12 +156,12 @@ class RecordedRun:
             ) from error
 
     def events(self) -> Iterator[Event]:
-        """Every event once.
+        """Every event once, but for those in `counts.damaged`.
 
         Raises
         ------
         CaptureError
-            Where a file is damaged, after what comes before. That one has no end is none.
+            Where what is whole cannot be understood.
         """
         due = self._parts[0].sequence
         for part in self._parts:
@@ -175,16 +174,23 @@ class RecordedRun:
                     continue
                 self.counts.missing += ahead
                 due += ahead + 1
+                self._lost_in_damage(ahead)
                 self.counts.events += 1
                 yield event
+
+    def _lost_in_damage(self, events: int) -> None:
+        """Note what is missing behind the newest damage, once."""
+        if self.counts.damaged and self.counts.damaged[-1].events is None:
+            self.counts.damaged[-1].events = events
 
     def _numbered(self, part: _Part) -> Iterator[tuple[int, Event]]:
         """The events with their numbers modulo 2**32, without what the writer made of them."""
         topics: dict[int, str] = {}
         before = self.counts.file_bytes
         with part.path.open("rb") as file:
+            records = Records(file, partial(self._note_damage, part.path))
             try:
-                for record in _reader(file).records:
+                for record in records:
                     if isinstance(record, Message):
                         self.counts.file_bytes = before + file.tell()
                         topic = topics.get(record.channel_id)
@@ -192,28 +198,29 @@ class RecordedRun:
                             yield record.sequence, _event(topic, record)
                     elif isinstance(record, Channel) and _is_of_events(record.topic):
                         topics[record.id] = record.topic
-            except EndOfFile:
-                self.counts.unclosed += 1
-            except _DAMAGE as error:
-                raise _damaged(part.path, file, error) from error
+            except UnsupportedCompressionError as error:
+                raise CaptureError(f"{part.path}: {error}") from error
+            except (msgspec.MsgspecError, ValueError) as error:
+                raise _damaged(part.path, file.tell(), error) from error
+        self.counts.unclosed += not records.is_closed
+
+    def _note_damage(self, path: Path, loss: Loss) -> None:
+        self.counts.damaged.append(Damage(str(path), *loss))
 
 
-class _Whole:
-    """A file as the library wants it, of which a read is whole or the end."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-
-    def read(self, size: int) -> bytes:
-        data = self._file.read(size)
-        if len(data) < size:
-            raise EndOfFile
-        return data
-
-
-def _reader(file: BinaryIO) -> StreamReader:
-    whole = cast("BinaryIO", _Whole(file))
-    return StreamReader(whole, validate_crcs=True, record_size_limit=MAX_RECORD)
+def _refuse_several(parts: Sequence[_Part]) -> None:
+    """Raise with the files of each run, where they are of more than one."""
+    runs: dict[str, list[Path]] = {}
+    for part in sorted(parts, key=lambda part: part.path):
+        runs.setdefault(part.run, []).append(part.path)
+    if len(runs) > 1:
+        spans = [
+            paths[0].name + f" to {paths[-1].name}" * (len(paths) > 1) for paths in runs.values()
+        ]
+        raise CaptureError(
+            f"{parts[0].path.parent}: recordings of {len(runs)} runs of the gateway, each read by"
+            f" itself; name the files of one: {'; '.join(spans)}"
+        )
 
 
 def _begin(path: Path) -> _Part:
@@ -222,7 +229,7 @@ def _begin(path: Path) -> _Part:
     resume: dict[str, bytes] = {}
     with path.open("rb") as file:
         try:
-            for record in _reader(file).records:
+            for record in strict(file).records:
                 if isinstance(record, Metadata) and record.name == RUN:
                     about = record.metadata
                 elif isinstance(record, Attachment) and record.name in (RESUME, CLOCKS):
@@ -233,10 +240,10 @@ def _begin(path: Path) -> _Part:
                     break
         except EndOfFile:
             raise CaptureError(f"{path}: cut off before its first event") from None
-        except _DAMAGE as error:
+        except DAMAGE as error:
             if about is None and file.tell() <= len(MCAP0_MAGIC):
                 raise CaptureError(f"{path}: not a recording (MCAP)") from error
-            raise _damaged(path, file, error) from error
+            raise _damaged(path, file.tell(), error) from error
     raise CaptureError(f"{path}: not a recording of usblnav")
 
 
@@ -267,7 +274,5 @@ def _event(topic: str, message: Message) -> Event:
     return Report(REPORTS[topic], message.log_time, message.data)
 
 
-def _damaged(path: Path, file: BinaryIO, error: Exception) -> CaptureError:
-    return CaptureError(
-        f"{path}: damaged before byte {file.tell()} ({error or type(error).__name__})"
-    )
+def _damaged(path: Path, at_byte: int, error: Exception) -> CaptureError:
+    return CaptureError(f"{path}: damaged before byte {at_byte} ({error or type(error).__name__})")

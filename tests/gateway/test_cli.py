@@ -168,7 +168,7 @@ def test_a_file_name_may_be_any_bytes(tmp_path: Path) -> None:
         ),
         (
             ["replay", "absent.pcap", "-c", "config.yaml", "-o", "out"],
-            "usblnav: absent.pcap: no such file",
+            "usblnav: absent.pcap: no such file or folder",
         ),
         (["emulate", "-c", "absent.yaml"], "absent.yaml: no such file or directory"),
         (

@@ -7,6 +7,7 @@ from random import Random
 
 import msgspec
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.writer import Writer
@@ -241,6 +242,22 @@ def unclosed(folder: Path, watch: Watch, events: list[Event]) -> Path:
     return copy
 
 
+def chunk_spans(data: bytes) -> tuple[list[int], list[int]]:
+    """Where the chunks of a file begin and end, by the format's own lengths."""
+    heads, ends, at = [], [], 8
+    while at < len(data) and data[at] != Opcode.DATA_END:
+        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        if data[at] == Opcode.CHUNK:
+            heads.append(at)
+            ends.append(end)
+        at = end
+    return heads, ends
+
+
+def chunk_heads(data: bytes) -> list[int]:
+    return chunk_spans(data)[0]
+
+
 def test_what_was_flushed_survives_a_kill(tmp_path: Path, watch: Watch) -> None:
     written: list[Event] = [utc(), *(raw(n) for n in range(35))]
     path = unclosed(tmp_path, watch, written)
@@ -254,45 +271,125 @@ def test_a_file_cut_off_anywhere_gives_all_whole_chunks(tmp_path: Path, watch: W
     whole = unclosed(tmp_path, watch, written).read_bytes()
     cut = tmp_path / "cut"
     seen = set()
+    chunks = [range(head + 1, end) for head, end in zip(*chunk_spans(whole), strict=True)]
     for size in range(0, len(whole), 37):
         cut.write_bytes(whole[:size])
         try:
-            found = events_in(cut)
+            run = RecordedRun([cut])
         except CaptureError as error:
             assert str(error) == f"{cut}: cut off before its first event"
-            found = []
+            continue
+        found = list(run.events())
         assert found == written[: len(found)]
         seen.add(len(found))
+        lost = [damage.at_byte + damage.bytes for damage in run.counts.damaged]
+        assert lost == [size] * any(size in chunk for chunk in chunks)
     assert seen == {0, 10, 20, 30, 36}
 
 
-def test_damage_is_one_line_after_what_comes_before(tmp_path: Path, watch: Watch) -> None:
-    written: list[Event] = [utc(), *(raw(n) for n in range(35))]
-    whole = unclosed(tmp_path, watch, written).read_bytes()
-    broken = tmp_path / "broken"
-    at = whole.rindex(b"zstd") + 40
-    broken.write_bytes(whole[:at] + bytes([whole[at] ^ 0x55]) + whole[at + 1 :])
-    found = []
-    with pytest.raises(CaptureError, match=rf"\A{broken}: damaged before byte \d+ ") as caught:
-        found.extend(RecordedRun([broken]).events())
-    assert "\n" not in str(caught.value)
+def closed(folder: Path, watch: Watch, events: list[Event]) -> bytes:
+    writer = tape(watch, folder)
+    write(writer, events)
+    writer.close()
+    return files(folder)[0].read_bytes()
 
 
-def test_any_damage_is_a_fault_with_a_place(tmp_path: Path, watch: Watch) -> None:
-    written: list[Event] = [utc(), *(raw(n) for n in range(35)), nav(1)]
-    whole = unclosed(tmp_path, watch, written).read_bytes()
+def overwritten(data: bytes, at: int, new: bytes) -> bytes:
+    return data[:at] + new + data[at + len(new) :]
+
+
+@pytest.mark.parametrize("offset", [0, 8, 20, 33, 40, 42, 60])
+@pytest.mark.parametrize("chunk", range(4))
+def test_a_damaged_chunk_costs_itself_alone(
+    tmp_path: Path, watch: Watch, chunk: int, offset: int
+) -> None:
+    """Opcode, length, times, sum, name or content of it; the first one holds the channels too."""
+    written: list[Event] = [utc(), *(raw(n) for n in range(39))]
+    whole = closed(tmp_path, watch, written)
+    heads = chunk_heads(whole)
+    assert len(heads) == 4
+    at = heads[chunk] + offset
+    path = tmp_path / "broken"
+    path.write_bytes(overwritten(whole, at, bytes([whole[at] ^ 0x55])))
+    run = RecordedRun([path])
+    found = list(run.events())
+    if offset == 20:  # times that nobody here goes by
+        assert (found, run.counts.damaged) == (written, [])
+        return
+    assert found == written[: 10 * chunk] + written[10 * chunk + 10 :]
+    (damage,) = run.counts.damaged
+    assert (damage.file, damage.at_byte) == (str(path), heads[chunk])
+    is_last = chunk == 3
+    assert damage.events == (None if is_last else 10)
+    assert run.counts.missing == (0 if is_last else 10)
+    if not is_last:
+        assert damage.bytes == heads[chunk + 1] - heads[chunk]
+    assert (run.counts.unclosed, run.counts.events) == (0, 30)
+
+
+def test_a_hole_over_several_chunks_is_one_place(tmp_path: Path, watch: Watch) -> None:
+    """Sectors that read as zeros."""
+    written: list[Event] = [utc(), *(raw(n) for n in range(59))]
+    whole = closed(tmp_path, watch, written)
+    heads = chunk_heads(whole)
+    begin, end = heads[2] - 20, heads[4] + 50  # an index, two chunks, and what a third begins with
+    path = tmp_path / "broken"
+    path.write_bytes(overwritten(whole, begin, bytes(end - begin)))
+    run = RecordedRun([path])
+    assert list(run.events()) == written[:20] + written[50:]
+    (damage,) = run.counts.damaged
+    assert begin - 100 < damage.at_byte <= heads[2]
+    assert damage.at_byte + damage.bytes == heads[5]
+    assert damage.events == run.counts.missing == 30
+    assert str(damage) == (
+        f"{path}: damaged at byte {damage.at_byte}: {damage.bytes} bytes, 30 events lost"
+    )
+
+
+def test_what_is_behind_a_damaged_end_is_counted_in_the_next_file(
+    tmp_path: Path, watch: Watch
+) -> None:
+    written: list[Event] = [utc(), *(raw(n) for n in range(39))]
+    writer = tape(watch, tmp_path, max_file_s=60.0)
+    write(writer, written, slice(0, 2))
+    watch.now = 60.0
+    write(writer, written, slice(2, None))
+    writer.close()
+    first, second = files(tmp_path)
+    whole = first.read_bytes()
+    cut = chunk_heads(whole)[2] + 60
+    first.write_bytes(whole[:cut])
+    run = RecordedRun([first, second])
+    found = [event for event in run.events() if not isinstance(event, type(utc()))]
+    assert found == written[1:20] + written[30:]
+    (damage,) = run.counts.damaged
+    assert (damage.file, damage.at_byte + damage.bytes, damage.events) == (str(first), cut, 10)
+    assert (run.counts.unclosed, run.counts.missing) == (1, 10)
+
+
+def test_any_damage_costs_what_it_hit(tmp_path: Path, watch: Watch) -> None:
+    """A chunk at most, and it is told; or the file's beginning, without which it is nothing."""
+    written: list[Event] = [utc(), *(raw(n) for n in range(98)), nav(1)]
+    whole = closed(tmp_path, watch, written)
     broken, rng = tmp_path / "broken", Random(1)
-    for _ in range(200):
+    hit = 0
+    for _ in range(300):
         at = rng.randrange(len(whole))
-        broken.write_bytes(whole[:at] + bytes([rng.randrange(256)]) + whole[at + 1 :])
-        found: list[Event] = []
+        broken.write_bytes(overwritten(whole, at, bytes([whole[at] ^ rng.randrange(1, 256)])))
         try:
             run = RecordedRun([broken])
             run.config()
-            found.extend(run.events())
         except (CaptureError, ConfigError) as error:
             assert str(error).startswith(str(broken))
-        assert all(event in written for event in found)
+            assert at < chunk_heads(whole)[0]
+            continue
+        found = list(run.events())
+        lost = [event for event in written if event not in found]
+        assert found == [event for event in written if event not in lost]
+        assert len(lost) in (0, 10)
+        hit += bool(lost)
+        assert bool(run.counts.damaged) >= bool(lost)
+    assert hit > 50
 
 
 def test_events_that_two_writers_wrote_come_once(tmp_path: Path, watch: Watch) -> None:
@@ -336,7 +433,7 @@ def test_two_runs_are_not_one(tmp_path: Path, watch: Watch) -> None:
         write(writer, [utc(), raw(1)])
         writer.close()
     one, two = files(tmp_path)
-    with pytest.raises(CaptureError, match="of another run of the gateway than"):
+    with pytest.raises(CaptureError, match=f"name the files of one: {one.name}; {two.name}"):
         RecordedRun([one, two])
 
 
