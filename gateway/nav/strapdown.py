@@ -55,6 +55,8 @@ GAP_TURN = 0.05**2
 GAP_FORCE = 0.3**2
 """Density of the unseen changes of rate ((rad/s)^2/s) and of specific force ((m/s^2)^2/s) in a gap:
 a vessel in a seaway. They are integrated once over the time missing."""
+GAP_STEP_S = 0.1
+"""In steps of at most so long a gap is gone through, for what it turns unseen turns gravity."""
 
 
 class _Scratch(NamedTuple):
@@ -284,7 +286,7 @@ def _give(top: Array, P: Array) -> None:
 
 
 @compiled
-def _predict(s: _Scratch, n: int, dt: float, missing: float, r_e: Array, q: Array) -> None:
+def _predict(s: _Scratch, n: int, dt: float, blind: float, r_e: Array, q: Array) -> None:
     """``P <- Phi P Phi^T + Q`` for the rows in ``s.top``, block by block.  # (M.16), (M.17)"""
     top, square = s.top, s.square
     _gravity_gradient(r_e, s.gradient)
@@ -298,7 +300,6 @@ def _predict(s: _Scratch, n: int, dt: float, missing: float, r_e: Array, q: Arra
             top[j * PITCH + i] = top[i * PITCH + j]
         for j in range(9):
             top[i * PITCH + j] = 0.5 * (square[i * PITCH + j] + square[j * PITCH + i])
-    blind = missing * missing * missing / 3.0
     for i in range(3):
         top[i * PITCH + i] += q[0] * dt + GAP_TURN * blind
         top[(3 + i) * PITCH + 3 + i] += q[1] * dt + GAP_FORCE * blind
@@ -308,7 +309,7 @@ def _predict(s: _Scratch, n: int, dt: float, missing: float, r_e: Array, q: Arra
 
 @compiled
 def predict(
-    P: Array, dt: float, missing: float, u: Array, C_mid: Array, r_e: Array, q: Array
+    P: Array, dt: float, blind: float, u: Array, C_mid: Array, r_e: Array, q: Array
 ) -> None:
     """``P <- Phi P Phi^T + Q`` in place, block by block.  # (M.16), (M.17)
 
@@ -318,16 +319,38 @@ def predict(
         (n, n) covariance of the additive error, 15 <= n <= 28.
     dt, u, C_mid, r_e
         Interval and, from `mechanise`, the velocity increment, the middle attitude; the position.
-    missing
-        Part of the interval that no data covered (s).
+    blind
+        Double integral of an unseen change of unit density (s^3), see `blind_of`.
     q
         (4,) spectral densities of angle and velocity random walk and of the bias walks, SI units.
     """
     s = _scratch()
     s.u[:], s.C_mid[:] = u, C_mid
     _take(P, s.top)
-    _predict(s, P.shape[0], dt, missing, r_e, q)
+    _predict(s, P.shape[0], dt, blind, r_e, q)
     _give(s.top, P)
+
+
+@compiled
+def steps_of(row: Array, part: float) -> int:
+    """Steps in which a `part` of a sample is gone through: one unless it stands in for many."""
+    return 1 + int(part * row[7] / GAP_STEP_S)
+
+
+@compiled
+def blind_of(row: Array, part: float) -> float:
+    """What `predict` wants to know of the time that a `part` of a sample stands in for.  # (M.17)
+
+    As much in any split: a gap in which fixes come is as blind as one without.
+    """
+    return float(part * row[7] ** 3 / 3.0)
+
+
+@compiled
+def _step(s: _Scratch, x: Array, n: int, row: Array, part: float, q: Array) -> None:
+    """Carry the mean, and the covariance in ``s.top``, over a `part` of a sample."""
+    mechanise(x, row, part, s.u, s.C_mid)
+    _predict(s, n, part * row[0], blind_of(row, part), x[12:15], q)
 
 
 @compiled
@@ -340,10 +363,10 @@ def _remember(x: Array, row: Array) -> None:
 @compiled
 def advance(x: Array, P: Array, row: Array, begin: float, end: float, q: Array) -> None:
     """Carry mean and covariance over the share ``begin..end`` of one sample's interval."""
-    s, part = _scratch(), end - begin
-    mechanise(x, row, part, s.u, s.C_mid)
+    s, steps = _scratch(), steps_of(row, end - begin)
     _take(P, s.top)
-    _predict(s, P.shape[0], part * row[0], part * row[7], x[12:15], q)
+    for _ in range(steps):
+        _step(s, x, P.shape[0], row, (end - begin) / steps, q)
     _give(s.top, P)
     if end == 1.0:
         _remember(x, row)
@@ -367,8 +390,9 @@ def run(x: Array, P: Array, rows: Array, q: Array, track: Array) -> None:
     s = _scratch()
     _take(P, s.top)
     for k in range(rows.shape[0]):
-        mechanise(x, rows[k], 1.0, s.u, s.C_mid)
-        _predict(s, P.shape[0], rows[k, 0], rows[k, 7], x[12:15], q)
+        steps = steps_of(rows[k], 1.0)
+        for _ in range(steps):
+            _step(s, x, P.shape[0], rows[k], 1.0 / steps, q)
         _remember(x, rows[k])
         for i in range(12):
             track[k, i] = x[21 + i]

@@ -29,14 +29,20 @@ def whole(Phi: Array, n: int) -> Array:
 
 
 @compiled
+def _step(s: sd._Scratch, x: Array, n: int, flat: Array, row: Array, part: float, q: Array) -> None:
+    """`strapdown._step` that also carries ``Phi <- Phi_k Phi``.  # (M.100)"""
+    sd._step(s, x, n, row, part, q)
+    sd._transition(flat, N_CORE, part * row[0], s.u, s.C_mid, s.gradient)
+
+
+@compiled
 def advance(x: Array, P: Array, Phi: Array, row: Array, begin: float, end: float, q: Array) -> None:
     """`strapdown.advance` that also carries ``Phi <- Phi_k Phi``.  # (M.100)"""
-    s, part = sd._scratch(), end - begin
-    sd.mechanise(x, row, part, s.u, s.C_mid)
+    s, flat, steps = sd._scratch(), Phi.reshape(-1), sd.steps_of(row, end - begin)
     sd._take(P, s.top)
-    sd._predict(s, P.shape[0], part * row[0], part * row[7], x[12:15], q)
+    for _ in range(steps):
+        _step(s, x, P.shape[0], flat, row, (end - begin) / steps, q)
     sd._give(s.top, P)
-    sd._transition(Phi.reshape(-1), N_CORE, part * row[0], s.u, s.C_mid, s.gradient)
     if end == 1.0:
         sd._remember(x, row)
 
@@ -55,9 +61,9 @@ def run(x: Array, P: Array, Phi: Array, rows: Array, q: Array, track: Array) -> 
     s, flat = sd._scratch(), Phi.reshape(-1)
     sd._take(P, s.top)
     for k in range(rows.shape[0]):
-        sd.mechanise(x, rows[k], 1.0, s.u, s.C_mid)
-        sd._predict(s, P.shape[0], rows[k, 0], rows[k, 7], x[12:15], q)
-        sd._transition(flat, N_CORE, rows[k, 0], s.u, s.C_mid, s.gradient)
+        steps = sd.steps_of(rows[k], 1.0)
+        for _ in range(steps):
+            _step(s, x, P.shape[0], flat, rows[k], 1.0 / steps, q)
         sd._remember(x, rows[k])
         for i in range(12):
             track[k, i] = x[21 + i]

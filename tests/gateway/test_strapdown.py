@@ -243,9 +243,31 @@ def test_prediction_is_phi_p_phi_and_q():
     Q[ATT] += strapdown.GAP_TURN * missing**3 / 3.0
     Q[VEL] += strapdown.GAP_FORCE * missing**3 / 3.0
     found = P.copy()
-    strapdown.predict(found, dt, missing, u, C_mid, after.r_e, q)
+    strapdown.predict(found, dt, missing**3 / 3.0, u, C_mid, after.r_e, q)
     np.testing.assert_allclose(found, Phi @ P @ Phi.T + np.diag(Q), rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(found, found.T)
+
+
+@pytest.mark.parametrize("shares", [1, 7, 40])
+def test_a_gap_is_as_blind_in_many_shares_as_in_one(shares):
+    """At rest, against the closed form for a rate and a force that walk back from its end.
+
+    The velocity is compared loosely: here the turn walks, there its rate.
+    """
+    truth = trajectory("line", speed_m_s=0.0, ramp_s=0.0, sway={})
+    gap_s = 1.6
+    row = perfect_rows(truth, gap_s, 1.0 / gap_s)[0]
+    row[7] = gap_s
+    state = true_state(truth, 0.0)
+    for k in range(shares):
+        strapdown.advance(state.x, state.P, row, k / shares, (k + 1) / shares, QUIET)
+    walked = np.array([strapdown.GAP_TURN, strapdown.GAP_FORCE]) * gap_s**3 / 3.0
+    fallen = 9.8**2 * strapdown.GAP_TURN * gap_s**5 * 2.0 / 15.0
+    C = earth.C_en(*earth.ecef_to_lla(state.r_e)[:2])
+    turned, gained = (np.diag(C.T @ state.P[b, b] @ C) for b in (ATT, VEL))
+    np.testing.assert_allclose(turned, walked[0], rtol=1e-3)
+    np.testing.assert_allclose(gained[2], walked[1], rtol=1e-3)
+    np.testing.assert_allclose(np.sqrt(gained[:2]), np.sqrt(walked[1] + fallen), rtol=0.1)
 
 
 def test_noise_grows_as_the_continuous_model_says():
