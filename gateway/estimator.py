@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from gateway.checkpoint import Totals, checkpoint
 from gateway.config import Config
 from gateway.fusion import initial
-from gateway.fusion.filter import MISSING, Filter, Memory
+from gateway.fusion.filter import MISSING, Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.report import calibration, solution
 from gateway.fusion.restart import LONG_ABSENCE_S, inflate

@@ -1,7 +1,6 @@
-"""The error-state filter: strapdown between fixes, gated updates at them, freeing a lock-out."""
+"""The error-state filter: strapdown between fixes, gated updates at them."""
 
 from dataclasses import dataclass, field, replace
-from typing import Self
 
 import numpy as np
 import scipy.special
@@ -9,37 +8,21 @@ from numpy.typing import NDArray
 
 from gateway.engine import Track
 from gateway.fusion import robust, target
+from gateway.fusion.doubt import is_locked_out, note_refused, note_used, trusts_velocity_again
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.kalman import Linearised, innovation_covariance, normalised_square, update
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Model, observe, place, settled
 from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
-from gateway.fusion.state import ATT, POS, VEL, State
-from gateway.messages import BottomVelocity, Fix, Innovation, UsblFix, VelocityFix, Verdict
+from gateway.fusion.state import ATT, POS, VEL
+from gateway.messages import Fix, Innovation, UsblFix, Verdict
 from gateway.modes import KNOWN_HEADING_SD
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
 
 Array = NDArray[np.float64]
 
-LOCK_OUT = 8
-"""Fixes refused in a row after which the filter doubts itself, not the fixes."""
-LOCK_OUT_S, RARE = 30.0, 4
-"""And as many of them if nothing that locates was used for so long: where fixes come rarely."""
-VELOCITY_LOCK_OUT_S = 30.0
-"""The same for a device's velocities, as long as nothing that locates is used meanwhile."""
-GROWN = 3.0
-"""By how much more they are then off than the first that was refused."""
-BEYOND_A_LOG = 3.0
-"""And by how much at all (m/s): what a log may hear instead of the bottom is slower."""
-FREED = 3
-"""Fixes used in a row after which it trusts itself again."""
-JUMP = ((ATT, 0.5), (VEL, 1.0), (POS, 9.0))
-"""Variance that a refusal adds meanwhile to each part of the pose, relative to what it has.
-
-Independent of everything else: scaled together with its correlations, an error in position would
-be paid for by velocity, attitude and the instruments' constants.
-"""
 GATE_MAX_HEADING_SD = np.radians(30.0)
 """The gate stays open while it is known worse than this: it would lock out good fixes."""
 DRIFT = FAMILY["additive"]
@@ -58,39 +41,6 @@ LOST = 0.3
 """Uncertainty over the range from which on a fix gives the place, and angles are not linear."""
 ANYWHERE, ANY_VELOCITY = 30.0, 10.0
 """What is added to a place (over the range) and velocity (m/s) that are to be forgotten."""
-
-
-@dataclass
-class Memory:
-    """All of the filter that time changes; a copy of it is a snapshot."""
-
-    state: State
-    used: int = 0
-    gated: int = 0
-    refused_in_a_row: int = 0
-    """Once over `LOCK_OUT`, used fixes count it down before it is forgotten."""
-    t_used_ns: int | None = None
-    velocity_refused: dict[str, tuple[int, float, int]] = field(default_factory=dict)
-    """By device: since when its velocities are refused, and nothing locates; how far off the first
-    was (m/s); how many were used in a row since."""
-    quality: dict[str, tuple[int, float]] = field(default_factory=dict)
-    """By beacon, see `gateway.fusion.robust`."""
-    noise: dict[str, float] = field(default_factory=dict)
-    """By device and row, see `gateway.fusion.robust`."""
-    origin_e: Array | None = None
-    """(3,) local origin of the invariant errors; None is where the filter starts."""
-    aided: bool = False
-    """Whether anything was used since the filter began, were it a depth."""
-
-    def copy(self) -> Self:
-        """Independent copy."""
-        return replace(
-            self,
-            state=self.state.copy(),
-            velocity_refused=self.velocity_refused.copy(),
-            quality=self.quality.copy(),
-            noise=self.noise.copy(),
-        )
 
 
 @dataclass
@@ -172,11 +122,11 @@ class Filter:
         quality = self._judge(fix, nis, len(z.residual))
         if accepted and found is not None:
             update(self.memory.state, found, DRIFT, self.origin_e)
-            self._count_used(fix)
+            note_used(self.memory, fix)
         elif accepted:
             self._use(z, S, nis, fix, track)
         else:
-            self._doubt(fix, z)
+            note_refused(self.memory, fix, z)
         reason = "" if accepted else "gate"
         components = components_of(z, S)
         return Innovation(
@@ -225,29 +175,15 @@ class Filter:
     def _use(self, z: Linearised, S: Array, nis: float, fix: Fix, track: Track) -> None:
         """Update by a fix: with care while the estimate may be far off."""
         memory = self.memory
-        locked_out = memory.refused_in_a_row > LOCK_OUT
-        if locked_out or self._trust_velocity(fix) or not self.knows_heading():
+        was_doubted = is_locked_out(memory) or trusts_velocity_again(memory, fix)
+        if was_doubted or not self.knows_heading():
             self._use_with_care(z, fix, track)
         else:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
             self._update_along(_weakened(z, weakening), fix, track)
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
-        self._count_used(fix)
-
-    def _count_used(self, fix: Fix) -> None:
-        """Count a used fix, towards the end of a lock-out too."""
-        memory = self.memory
-        memory.used += 1
-        memory.aided = True
-        if not fix.locates:
-            return
-        memory.t_used_ns = fix.t_ns
-        memory.velocity_refused.clear()
-        if memory.refused_in_a_row > LOCK_OUT:
-            memory.refused_in_a_row = min(memory.refused_in_a_row, LOCK_OUT + FREED) - 1
-        if memory.refused_in_a_row <= LOCK_OUT:
-            memory.refused_in_a_row = 0
+        note_used(self.memory, fix)
 
     def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update in small parts, each linearised anew; or by the place alone.  # (M.36)"""
@@ -304,57 +240,6 @@ class Filter:
     def _update(self, z: Linearised) -> None:
         """Correct the state."""
         update(self.memory.state, z, self.model.error, self.origin_e)
-
-    def _doubt(self, fix: Fix, z: Linearised) -> None:
-        """Count a refused fix and free a filter that is locked out.  # (M.37)
-
-        Only what locates the vehicle tells of a lock-out: anything else agrees with a wrong place.
-        """
-        memory = self.memory
-        memory.gated += 1
-        if isinstance(fix, BottomVelocity | VelocityFix):
-            self._doubt_velocity(fix, float(np.linalg.norm(z.residual)))
-        memory.refused_in_a_row += fix.locates
-        if memory.refused_in_a_row >= RARE and self._unused_s(fix) > LOCK_OUT_S:
-            memory.refused_in_a_row = max(memory.refused_in_a_row, LOCK_OUT + 1)
-        if fix.locates and memory.refused_in_a_row > LOCK_OUT:
-            for part, share in JUMP:
-                block = memory.state.P[part, part]
-                block += share * np.trace(block) / 3.0 * np.eye(3)
-
-    def _unused_s(self, fix: Fix) -> float:
-        """How long nothing was used that locates; 0 where nothing ever was."""
-        used_ns = self.memory.t_used_ns
-        return 0.0 if used_ns is None else (fix.t_ns - used_ns) * 1e-9
-
-    def _trust_velocity(self, fix: Fix) -> bool:
-        """Count a used velocity towards the end of its lock-out; whether it was one."""
-        refused = self.memory.velocity_refused.pop(fix.device, None)
-        if refused is None or fix.t_ns - refused[0] <= VELOCITY_LOCK_OUT_S * 1e9:
-            return False
-        if refused[2] + 1 < FREED:
-            self.memory.velocity_refused[fix.device] = (*refused[:2], refused[2] + 1)
-        return True
-
-    def _doubt_velocity(self, fix: Fix, off_m_s: float) -> None:
-        """Free a filter that parts for long from what a device says.  # (M.166)
-
-        A log that is wrong is as wrong after a while; a wrong attitude makes the way apart grow.
-        """
-        refused = self.memory.velocity_refused
-        since_ns, first_m_s, _ = refused.get(fix.device, (fix.t_ns, off_m_s, 0))
-        refused[fix.device] = since_ns, first_m_s, 0
-        away_s = (fix.t_ns - since_ns) * 1e-9
-        if away_s <= VELOCITY_LOCK_OUT_S or off_m_s < max(GROWN * first_m_s, BEYOND_A_LOG):
-            return
-        P = self.memory.state.P
-        (_, turned), (_, gained), _ = JUMP
-        P[ATT, ATT] += turned * np.trace(P[ATT, ATT]) / 3.0 * np.eye(3)
-        doubt = gained * np.trace(P[VEL, VEL]) / 3.0 * np.eye(3)
-        P[VEL, VEL] += doubt
-        P[POS, VEL] += away_s / 2.0 * doubt
-        P[VEL, POS] += away_s / 2.0 * doubt
-        P[POS, POS] += away_s**2 / 3.0 * doubt
 
     def knows_heading(self) -> bool:
         """Whether the heading is certain enough to go by, and fixes need no care."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gateway.fusion.filter import Memory
+from gateway.fusion.memory import Memory
 from gateway.fusion.state import State
 from gateway.messages import SavedState
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Config
 from gateway.estimator import Estimator
-from gateway.fusion.filter import Memory
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Model, observe
 from gateway.fusion.recording import NotingFilter, RecordingFilter, Use
 from gateway.fusion.report import calibration, solution

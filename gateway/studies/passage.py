@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from gateway.config import Config
 from gateway.fusion import initial
 from gateway.fusion.errors import ErrorDefinition
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.recording import RecordingFilter
 from gateway.fusion.smoother import between, smooth
 from gateway.fusion.state import N_FULL, State

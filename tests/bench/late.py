@@ -8,7 +8,8 @@ import numpy as np
 
 from gateway.config import Config, load
 from gateway.fusion import initial
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.warmup import warm_up
 from gateway.messages import Fix, UsblFix
 from gateway.timeline import SLICE, Timeline

@@ -11,7 +11,8 @@ from drivers.capture.streams import Payload, read_streams
 from gateway.config import Config, load, wire_format
 from gateway.engine import Track
 from gateway.estimator import Estimator
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Model
 from gateway.fusion.warmup import warm_up
 from gateway.ingest import intakes

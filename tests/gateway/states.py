@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gateway.fusion.errors import FAMILY, ErrorDefinition
-from gateway.fusion.filter import Memory
+from gateway.fusion.memory import Memory
 from gateway.fusion.state import ATT, BA, BG, LATENCY, LEVER, N_FULL, POS, VEL, State
 from gateway.nav import earth, strapdown
 from gateway.nav.lie import log_so3

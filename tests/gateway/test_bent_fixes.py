@@ -10,7 +10,8 @@ import scipy.stats
 from gateway.config import Config
 from gateway.emulator import twin
 from gateway.fusion import initial
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.state import POS, State
 from gateway.fusion.usbl import angles
 from gateway.messages import UsblFix

@@ -7,7 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from gateway.fusion import initial
-from gateway.fusion.filter import FREED, LOCK_OUT, RARE, Filter, Memory
+from gateway.fusion.doubt import FREED, LOCK_OUT, RARE
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.report import solution
 from gateway.fusion.state import ATT, POS, VEL, State
 from gateway.modes import Mode

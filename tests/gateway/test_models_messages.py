@@ -9,7 +9,9 @@ from drivers.records import UsblRecord
 from gateway.emulator import twin
 from gateway.filter_process.channel import encode, read_in_worker
 from gateway.fusion import initial
-from gateway.fusion.filter import LOCK_OUT, Filter, Memory
+from gateway.fusion.doubt import LOCK_OUT
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Mount, observe
 from gateway.fusion.state import State
 from gateway.ingest.usbl import UsblIngest

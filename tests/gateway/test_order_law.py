@@ -10,7 +10,8 @@ from gateway.config import Config
 from gateway.emulator import twin
 from gateway.emulator.player import emulate
 from gateway.fusion import initial
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.ingest import intakes
 from gateway.messages import ImuBlock
 from gateway.order import Refusal

@@ -9,7 +9,7 @@ import scipy.stats
 
 from gateway.fusion import initial
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.filter import Memory
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import observe
 from gateway.fusion.recording import RecordingFilter
 from gateway.fusion.smoother import between, smooth

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.fusion import initial
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.order import Refusal
 from gateway.timeline import LOOK_BACK_S, MAX_WAITING, SLICE, UPDATE, Timeline
 from tests.gateway.emulated import demo_data, make

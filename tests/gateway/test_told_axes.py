@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from gateway.fusion import loose, usbl
 from gateway.fusion.axes import nominal_axes, told_axes
 from gateway.fusion.errors import FAMILY
-from gateway.fusion.filter import Filter, Memory
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.observation import AcousticArray, Loose, Model, Transponder, observe, settled
 from gateway.fusion.state import LATENCY, POS, State
 from gateway.messages import BeaconPlace, UsblFix

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from gateway.fusion import initial
-from gateway.fusion.filter import VELOCITY_LOCK_OUT_S, Filter, Memory
+from gateway.fusion.doubt import VELOCITY_LOCK_OUT_S
+from gateway.fusion.filter import Filter
+from gateway.fusion.memory import Memory
 from gateway.fusion.saved import memory_of, saved
 from gateway.fusion.state import POS, State
 from gateway.messages import BottomVelocity, Depth, Fix, HeadingFix
