@@ -50,7 +50,7 @@ SHORT_S = 20.0
 def measure() -> list[Row]:
     """The main figures of a short run at 200 Hz."""
     with tempfile.TemporaryDirectory() as folder:
-        run = Live(Path(folder), 200.0, SHORT_S, fifo=0)
+        run = Live(Path(folder), 200.0, SHORT_S, fifo=0, niceness=0)
         rows = {row["what"]: row for row in run.rows()}
     names = ("bare Zenoh", "published as by the gateway", "arrival to Zenoh", "arrival to NMEA")
     return [
@@ -63,8 +63,11 @@ def measure() -> list[Row]:
 class Live:
     """One run of everything."""
 
-    def __init__(self, folder: Path, rate_hz: float, duration_s: float, fifo: int) -> None:
-        self.rate_hz, self.duration_s, self._fifo = rate_hz, duration_s, fifo
+    def __init__(
+        self, folder: Path, rate_hz: float, duration_s: float, *, fifo: int, niceness: int
+    ) -> None:
+        self.rate_hz, self.duration_s = rate_hz, duration_s
+        self._fifo, self._niceness = fifo, niceness
         # The sender stands for the wire; who hears is any program.
         self._above, self._below = (fifo + 1, fifo - 1) if fifo else (0, 0)
         self._folder = folder
@@ -123,7 +126,7 @@ class Live:
         self._key = f"usblnav/{scenario.vehicle}/nav"
 
     def _play(self, stack: ExitStack) -> None:
-        gateway = stack.enter_context(_gateway(self._config, self._folder))
+        gateway = stack.enter_context(_gateway(self._config, self._folder, self._niceness))
         zenoh = stack.enter_context(
             _end(self._folder, "hear-zenoh", self._below, self._endpoint, self._key)
         )
@@ -263,12 +266,13 @@ def _end(folder: Path, role: str, fifo: int, *arguments: str) -> Iterator[End]:
 
 
 @contextmanager
-def _gateway(config: Path, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
+def _gateway(config: Path, folder: Path, niceness: int) -> Iterator["subprocess.Popen[bytes]"]:
     """`usblnav run`, ready."""
     address = str(folder / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(address)
-        command = [sys.executable, "-m", "gateway", "run", "-c", config]
+        command = ["nice", f"--adjustment={niceness}", sys.executable]
+        command += ["-m", "gateway", "run", "-c", str(config)]
         environment = os.environ | {"NOTIFY_SOCKET": address}
         with subprocess.Popen(command, cwd=ROOT, env=environment) as process:
             try:
@@ -322,11 +326,14 @@ def main() -> None:
         action="store_true",
         help=f"at SCHED_FIFO {FIFO}, cores awake; hearers one below",
     )
+    parser.add_argument("--nice", type=int, default=0, metavar="N", help="-10 as in the unit")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         fifo = FIFO if arguments.fifo else 0
-        run = Live(Path(folder), arguments.rate, arguments.duration, fifo)
+        run = Live(
+            Path(folder), arguments.rate, arguments.duration, fifo=fifo, niceness=arguments.nice
+        )
     rows, usage = list(run.rows()), [usage.report() for usage in run.usage]
     head = {"rate_hz": run.rate_hz, "fixes": len(run._fixes), "missing": run.missing}
     p99 = {row["what"]: row["p99"] for row in rows}
@@ -337,7 +344,7 @@ def main() -> None:
         print(json.dumps(head | {"ms": rows, "usage": usage, "status": run.status}))
         return
     load = os.getloadavg()[0]
-    print(f"{head}, fifo {fifo}, {os.cpu_count()} cores, load {load:.1f}")
+    print(f"{head}, fifo {fifo}, nice {arguments.nice}, {os.cpu_count()} cores, load {load:.1f}")
     print(f"{'ms':30}{'count':>9}{'50 %':>9}{'99 %':>9}{'99.9 %':>9}{'max':>9}")
     for row in rows:
         times = "".join(f"{row[key]:9.3f}" for key in ("p50", "p99", "p99_9", "max"))
