@@ -13,7 +13,6 @@ order of samples and measurements, never on time spent.
 The timeline knows order and time only; what a measurement means is the engine's business.
 """
 
-from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -21,7 +20,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from gateway.engine import Engine
-from gateway.handover import Note
+from gateway.handover import Note, Notes
 from gateway.history import N_TRACK, Array, History, Past, Times
 from gateway.order import Entry, Order, OrderCounts, Refusal
 
@@ -97,7 +96,7 @@ class Timeline(Generic[V]):
         self._rerun: _Rerun | None = None
         self._owes = False  # the slice of the newest sample
         self._again_ns = NEVER  # of what came late behind the rerun
-        self._notes: list[Note] = []
+        self._notes = Notes()
         self._forget_at = 0  # only so often: there is nothing to forget between snapshots
         self.counts = OrderCounts()
         if after is not None:
@@ -202,7 +201,7 @@ class Timeline(Generic[V]):
             (e.t_ns, e.key, e.measurement) for e in self._order if e.t_ns >= t_ns - self._lag_ns
         )
         note = Note(count, t_ns, self._began(), known, replace(self.counts))
-        self._notes.append(note)
+        self._notes.add(note)
         if self._rerun is None and self._snapshots[-1][0] < count:
             self._snapshots.append((count, self._engine.save()))
         return note
@@ -213,20 +212,13 @@ class Timeline(Generic[V]):
         It is when every measurement that may change the state of then has come, and every one
         that may ask about the time before.
         """
-        head, found = self.t_head_ns, None
-        while self._notes and head is not None:
-            note = self._notes[0]
-            asked_until = note.t_ns + self._look_back_ns
-            final_ns = min(head - self._lag_ns, self._again_ns)
-            if self._rerun is not None:
-                final_ns = min(final_ns, self._history.t_ns(self._rerun.count))
-            if note.state is None or final_ns < asked_until:
-                break
-            for entry in self._order:
-                if note.t_ns < entry.t_ns <= asked_until:
-                    note.past |= {t: row for t, row in entry.asked.items() if t < note.t_ns}
-            found = self._notes.pop(0)
-        return found
+        head = self.t_head_ns
+        if head is None:
+            return None
+        final_ns = min(head - self._lag_ns, self._again_ns)
+        if self._rerun is not None:
+            final_ns = min(final_ns, self._history.t_ns(self._rerun.count))
+        return self._notes.settled(final_ns, self._look_back_ns, self._order)
 
     def finish(self) -> list[V]:
         """Run to its end what is being run again; give the verdicts."""
@@ -328,26 +320,20 @@ class Timeline(Generic[V]):
                 self._engine.advance(history.rows(count, upto), history.track(count, upto))
                 work -= upto - count
                 count = upto
-            if count % self._stride == 0 or self._next_note(count - 1) == count:
+            if count % self._stride == 0 or self._notes.next_after(count - 1) == count:
                 self._snapshots.append((count, self._engine.save()))
         return count
 
     def _next_stop(self, count: int, stop: int, i: int) -> int:
         """Count up to which the samples may run in one go, `i` being the next measurement."""
         stop = min(stop, count + self._stride - count % self._stride)
-        noted = self._next_note(count)
+        noted = self._notes.next_after(count)
         if noted is not None:
             stop = min(stop, noted)
         if i < len(self._order):
             times = self._history.times(count, stop)
             stop = min(stop, count + int(np.searchsorted(times, self._order[i].t_ns)))
         return stop
-
-    def _next_note(self, count: int) -> int | None:
-        """Count of the first note after a count."""
-        if not self._notes or self._notes[-1].count <= count:
-            return None
-        return self._notes[bisect_right(self._notes, count, key=lambda note: note.count)].count
 
     def _run_split(self, count: int, i: int, verdicts: list[V]) -> int:
         """Run the sample after `count` with the measurements in it, from `i`; give the next."""
@@ -377,8 +363,7 @@ class Timeline(Generic[V]):
             return
         entry.reported = True
         verdicts.append(verdict)
-        for note in self._notes:
-            note.told += entry.t_ns <= note.t_ns
+        self._notes.tell(entry.t_ns)
 
     def _forget(self) -> None:
         """Forget what is older than the lag; a note's state that is, is final."""
@@ -386,12 +371,10 @@ class Timeline(Generic[V]):
         horizon = min(horizon, self._again_ns)
         while len(self._snapshots) > 1 and self._history.t_ns(self._snapshots[1][0]) < horizon:
             count, saved = self._snapshots.popleft()
-            for note in self._notes:
-                if note.count == count:
-                    note.state = saved
+            self._notes.conclude(count, saved)
         oldest = min(horizon, self._history.t_ns(self._snapshots[0][0]))
-        if self._notes:
-            oldest = min(oldest, self._notes[0].t_ns)
+        if self._notes.oldest_ns is not None:
+            oldest = min(oldest, self._notes.oldest_ns)
         self._order.forget(self._order.after(oldest - 1))
 
 
