@@ -6,8 +6,10 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+import zenoh
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
+from zenoh import ext
 
 from gateway.clock import ClockReport
 from gateway.config import MapOrigin, ZenohRos
@@ -286,6 +288,11 @@ def test_tokens_and_keys_are_those_of_rmw_zenoh() -> None:
     )
 
 
+def test_a_publisher_is_known_by_the_hash_of_its_token() -> None:
+    # As simplified_xxhash3.cpp of rmw_zenoh, compiled, makes it: low word first.
+    assert names.identity(TALKER).hex() == "c582b70f3fffd7c7805c8af9b4c7fa03"
+
+
 def test_a_bridge_is_told_of_topic_type_and_quality() -> None:
     # @/<session>/@ros2_lv/MP/<key>/<type>/<K if keyed>:<reliable>:<volatile>:<last>,<n>[:<data>]
     humble = names.Node(0, "8b", "auv1", hashes=False)
@@ -303,6 +310,9 @@ def test_the_attachment_has_sequence_time_and_identity() -> None:
     assert data[:8] == (7).to_bytes(8, "little")
     assert int.from_bytes(data[8:16], "little") == 1_700_000_000_123_456_789
     assert data[16:] == b"\x10" + bytes(range(16))
+    # And as Zenoh's own serialization has it, in which the middleware reads it.
+    read = ext.z_deserialize(tuple[ext.Int64, ext.Int64, bytes], zenoh.ZBytes(data))
+    assert read == (7, 1_700_000_000_123_456_789, bytes(range(16)))
 
 
 @pytest.mark.parametrize(

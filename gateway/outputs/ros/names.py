@@ -6,20 +6,23 @@
     @ros2_lv/<domain>/<session>/<node>/<entity>/<kind>/<enclave>/<namespace>/<name>
         [/<topic>/<type>/<hash>/<qos>]
 
-and with each sample an attachment of sequence number, source time (Unix ns) and identity.
+and with each sample an attachment of sequence number, source time (Unix ns) and identity, which is
+a hash of the publisher's token (this attachment since April 2025: 0.2.4 in Jazzy).
 ``ros2dds`` (zenoh-plugin-ros2dds, the bridge to DDS)::
 
     <namespace>/<topic>
     @/<session>/@ros2_lv/MP/<namespace§topic>/<package§msg§type>/<qos>
 
-Source: docs/design.md of ros2/rmw_zenoh (rolling, 2025); README of zenoh-plugin-ros2dds, and the
-keys in its ``liveliness_mgt.rs`` (2026).
+Source: docs/design.md of ros2/rmw_zenoh, its ``liveliness_utils.cpp`` and
+``attachment_helpers.cpp`` (rolling, 2025); README of zenoh-plugin-ros2dds, and the keys in its
+``liveliness_mgt.rs`` (2026).
 """
 
-import hashlib
 import re
 import struct
 from dataclasses import dataclass
+
+import xxhash
 
 NODE_NAME = "usblnav"
 NO_HASH = "TypeHashNotSupported"
@@ -130,8 +133,8 @@ class Node:
 
 
 def identity(token: str) -> bytes:
-    """16 bytes of our own for a publisher; readers only compare them."""
-    return hashlib.blake2b(token.encode(), digest_size=16).digest()
+    """By which ROS 2 knows a publisher, in samples and in its graph: its token's XXH3, 16 bytes."""
+    return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
 
 def attachment(sequence: int, utc_ns: int, who: bytes) -> bytes:
