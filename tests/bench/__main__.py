@@ -1,7 +1,9 @@
-"""What the gateway costs, as a table of medians: ``python -m tests.bench``."""
+"""What the gateway costs, as a table of medians: ``python -m tests.bench [WHAT ...]``."""
 
+import argparse
 import os
 import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from tests.bench import (
@@ -15,24 +17,43 @@ from tests.bench import (
     starting,
     steps,
 )
+from tests.bench.replayed import Row
+
+Measure = Callable[[Path, Path], Iterable[Row]]
+
+ON_ONE_CORE: dict[str, Measure] = {
+    "replayed": replayed.measure,
+    "steps": lambda source, _: steps.measure(source),
+    "late": lambda source, _: late.measure(source),
+    "against_c": lambda *_: against_c.measure(),
+    "decoding": lambda *_: decoding.measure(),
+}
+ON_ALL: dict[str, Measure] = {
+    "roundtrip": lambda source, _: roundtrip.measure(source),
+    "live": lambda *_: live.measure(),
+    "recording": lambda source, _: recording.measure(source),
+    "starting": lambda source, _: starting.measure(source),
+}
 
 
 def main() -> None:
     """Measure on one core, but for what needs two processes, and print."""
+    known = [*ON_ONE_CORE, *ON_ALL]
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("what", nargs="*", help=f"of {', '.join(known)}; nothing: all")
+    chosen = parser.parse_args().what or known
+    if unknown := set(chosen) - set(known):
+        parser.error(f"{', '.join(sorted(unknown))}: none of {', '.join(known)}")
     cores = os.sched_getaffinity(0)
-    with tempfile.TemporaryDirectory() as folder:
-        source = replayed.source(Path(folder))
-        os.sched_setaffinity(0, {min(cores)})
-        rows = [
-            *replayed.measure(source, Path(folder)),
-            *steps.measure(source),
-            *late.measure(source),
-            *against_c.measure(),
-            *decoding.measure(),
-        ]
-        os.sched_setaffinity(0, cores)
-        rows += [*roundtrip.measure(source), *live.measure()]
-        rows += [*recording.measure(source), *starting.measure(source)]
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        source = replayed.source(folder)
+        for measures, on in ((ON_ONE_CORE, {min(cores)}), (ON_ALL, cores)):
+            os.sched_setaffinity(0, on)
+            for name, measure in measures.items():
+                if name in chosen:
+                    rows += measure(source, folder)
     print(f"{source.name}, {len(cores)} cores, load {os.getloadavg()[0]:.1f}")
     width = max(len(name) for name, _, _ in rows)
     for name, value, unit in rows:

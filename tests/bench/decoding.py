@@ -36,13 +36,3 @@ def _rate(name: str, frames: list[bytes]) -> float:
         for _ in reader.feed(chunk, 0):
             pass
     return FRAMES_EACH // len(frames) * len(frames) / (process_time() - begun)
-
-
-def main() -> None:
-    """Print the rows alone: ``python -m tests.bench.decoding``."""
-    for name, value, unit in measure():
-        print(f"{name:28}  {value:9,.0f} {unit}")
-
-
-if __name__ == "__main__":
-    main()

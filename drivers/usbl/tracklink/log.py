@@ -21,6 +21,7 @@ field   what
 """
 
 from datetime import UTC, datetime
+from functools import lru_cache
 
 from msgspec import UNSET, UnsetType
 
@@ -65,7 +66,7 @@ def decoder(options: PositionOptions) -> Decoder:
             elevation_deg=elevation(xyz_m),
             slant_range_m=slant_m,
             xyz_m=xyz_m,
-            t_device_s=_unix_s(fields[2:8]),
+            t_device_s=_minute_unix_s(*fields[2:7]) + number(fields[7], 0.0, 60.999),
             valid=fault is None,
             error_code=fault,
             axes="north" if options.bearing_reference == "north" else "array",
@@ -105,14 +106,14 @@ def _starts(line: bytes) -> tuple[int, ...]:
     return (0, at + 1, at + 2) if at >= 0 else (0,)
 
 
-def _unix_s(fields: list[str]) -> float:
-    year, month, day, hour, minute = (int(number(field, 0.0, 9999.0)) for field in fields[:5])
-    seconds = number(fields[5], 0.0, 60.999)
+@lru_cache(maxsize=64)  # of a line each second, sixty say the same
+def _minute_unix_s(*fields: str) -> float:
+    year, month, day, hour, minute = (int(number(field, 0.0, 9999.0)) for field in fields)
     try:
         whole = datetime(year, month, day, hour, minute, tzinfo=UTC)
     except ValueError as error:
         raise UnreadableError("range", str(error)) from error
-    return whole.timestamp() + seconds
+    return whole.timestamp()
 
 
 def _degrees(text: str, hemispheres: str) -> float:
