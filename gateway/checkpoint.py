@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from gateway.fusion.saved import saved
 from gateway.handover import Note
-from gateway.messages import Aligning, Checkpoint, Vec3
+from gateway.messages import Aligning, Checkpoint, Second, Vec3
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,8 @@ class Totals:
     received: int
     said: int
     imu_samples: int
+    seconds: tuple[Second, ...]
+    is_credible: bool
 
 
 def checkpoint(
@@ -38,4 +40,6 @@ def checkpoint(
         fixes_duplicate=note.order.duplicate,
         resets=resets,
         aligning=aligning,
+        seconds=at.seconds,
+        is_credible=at.is_credible,
     )

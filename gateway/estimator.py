@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gateway.checkpoint import Totals, checkpoint
 from gateway.config import Config
 from gateway.fusion import initial
+from gateway.fusion.credible import Credible
 from gateway.fusion.filter import MISSING, Filter
 from gateway.fusion.memory import Memory
 from gateway.fusion.observation import Model
@@ -83,6 +84,7 @@ class Estimator:
         self._taken_ns: int | None = None
         self._start: Start | None = None
         self._away: SavedState | None = None
+        self._credible = Credible()
         if isinstance(resume, Checkpoint):
             self._go_on(resume)
             return
@@ -155,6 +157,7 @@ class Estimator:
     def _go_on(self, at: Checkpoint) -> None:
         """Take over from an earlier process."""
         self._received, self._said = at.received, at.said
+        self._credible = Credible(at.seconds, at.is_credible)
         self._samples, self._resets = at.imu_samples, at.resets
         self._t_last_ns = self._taken_ns = at.t_ns
         self._second = at.t_ns // CALIBRATION_PERIOD_NS
@@ -267,6 +270,8 @@ class Estimator:
             for fix in start.fixes:
                 yield from self._feed_fix(fix)
             t_ns, rows = start.samples
+        else:
+            self._credible.add(rows)
         if self._timeline.t_head_ns is None:
             for fix in self._timeline.begin(start_ns(t_ns, rows)):
                 yield _refused(fix, Refusal.TOO_LATE)
@@ -319,6 +324,7 @@ class Estimator:
         yield self._solution(memory.state, t_ns, self._mode(age_ns), age_ns)
         if self._is_new_second(t_ns):
             self._sound = memory.state.copy()
+            self._credible.end_second(memory.state)
             yield calibration(memory.state, t_ns)
             yield self.counts()
             yield saved(memory, t_ns)
@@ -335,7 +341,7 @@ class Estimator:
         The block in hand does not count as received: it may go on beyond this sample.
         """
         note = self._timeline.note()
-        self._noted.append(Totals(note, self._received, self._said, self._samples))
+        self._noted.append(self._totals(note))
         settled = self._timeline.settled()
         if settled is None:
             return
@@ -352,8 +358,14 @@ class Estimator:
         known = tuple((fix.t_ns, _key(fix), fix) for fix in start.fixes)
         order = replace(self._counts)
         note = Note(0, t_ns, 0, known, order, state=self._filter.memory)
-        at = Totals(note, self._received, self._said, self._samples)
+        at = self._totals(note)
         yield checkpoint(at, (0.0, 0.0, 0.0), self._resets, aligning)
+
+    def _totals(self, note: Note) -> Totals:
+        """What stands beside a note of the present."""
+        felt = self._credible
+        counts = self._received, self._said, self._samples
+        return Totals(note, *counts, felt.seconds, felt.is_credible)
 
     def _solution(self, state: State, t_ns: int, mode: Mode, age_ns: int | None) -> NavSolution:
         """The solution with the filter's totals."""
@@ -363,6 +375,8 @@ class Estimator:
 
     def _mode(self, age_ns: int | None) -> Mode:
         """What the last fix that gave a place allows to be claimed, or that there was none."""
+        if not self._credible.is_credible:
+            return Mode.ALIGNING
         if age_ns is not None:
             return Mode.AIDED if age_ns <= self._max_fix_age_ns else Mode.DEAD_RECKONING
         return Mode.DEAD_RECKONING if self._filter.memory.aided else Mode.ALIGNING

@@ -289,6 +289,13 @@ class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     velocity_refused: dict[str, tuple[int, float, int]] = {}
 
 
+class Second(msgspec.Struct, frozen=True, array_like=True):
+    """What the samples of a second hold: turn (rad) and mean specific force (m/s^2), body axes."""
+
+    turned: Vec3
+    force: Vec3
+
+
 class Aligning(msgspec.Struct, frozen=True, array_like=True):
     """An alignment under way: when it began, and the samples of the window in hand.
 
@@ -330,6 +337,9 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     fixes_duplicate: int
     resets: int
     aligning: Aligning | None = None
+    seconds: tuple[Second, ...] = ()
+    """See `gateway.fusion.credible`, as ``is_credible``."""
+    is_credible: bool = True
 
     @property
     def t_ns(self) -> int:

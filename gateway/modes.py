@@ -14,7 +14,8 @@ class Mode(StrEnum):
     """No solution: before the first inertial data, or while re-aligning."""
     ALIGNING = "aligning"
     """Running, but nothing has been used yet, or the heading is known worse than 5 deg: then
-    neither sights of a beacon nor dead reckoning tell a place, however young the last fix is."""
+    neither sights of a beacon nor dead reckoning tell a place, however young the last fix is. Nor
+    is a place told while what the IMU feels cannot be (`gateway.fusion.credible`)."""
     AIDED = "aided"
     """A fix that gives a place was used within ``max_fix_age_s``."""
     DEAD_RECKONING = "dead_reckoning"

@@ -30,7 +30,7 @@ from gateway.messages import (
     NavSolution,
     SavedState,
 )
-from gateway.modes import Mode
+from gateway.modes import Mode, claimable
 from gateway.nav import strapdown
 from gateway.progress import Tell, nobody
 
@@ -202,12 +202,19 @@ class SmoothedPass:
     def _solution(
         self, state: State, forward: NavSolution, used_ns: NDArray[np.int64]
     ) -> NavSolution:
-        """A smoothed solution; the fix nearest in time is what its claim rests on."""
+        """A smoothed solution; the fix nearest in time is what its claim rests on.
+
+        What the IMU felt is as incredible afterwards.
+        """
+        knows_heading = claimable(Mode.AIDED, forward.sd_attitude[2]) is Mode.AIDED
+        is_doubted = forward.mode is Mode.ALIGNING and forward.fix_age_s is not None
         if used_ns.size == 0 or forward.mode is Mode.FAULT:
             mode, age_ns = forward.mode, None
         else:
             age_ns = int(np.abs(used_ns - forward.t_ns).min())
             mode = Mode.AIDED if age_ns <= self._max_age_ns else Mode.DEAD_RECKONING
+            if is_doubted and knows_heading:
+                mode = Mode.ALIGNING
         age_s = None if age_ns is None else age_ns * 1e-9
         totals = forward.fixes_used, forward.fixes_rejected
         return solution(state, forward.t_ns, mode, age_s, *totals)

@@ -1,0 +1,79 @@
+"""Whether the vehicle can be moving as the inertial unit and the state together say.
+
+The mean specific force of the last seconds, turned by the state's attitude and with gravity added,
+is how fast the vehicle gains speed. A wrong unit, axes that are not the configured ones, or an
+attitude that is lost show as more than any vehicle does, whatever its attitude; a dive, a wave or a
+turn does not.  # (M.181)
+
+What is kept from second to second is of the samples alone: a filter that takes over from another
+one judges the same.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.fusion.state import State
+from gateway.messages import Second, Vec3
+from gateway.nav.earth import C_en, ecef_to_lla, gravity_n
+from gateway.nav.lie import exp_so3
+
+Array = NDArray[np.float64]
+
+MOST_M_S2 = 3.0
+"""Nothing that floats gains speed like this for `OVER` seconds."""
+OVER = 5
+ENOUGH = 3
+"""So many seconds tell, where there are no more."""
+NOTHING: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Credible:
+    """Looks at the samples second by second.
+
+    Parameters
+    ----------
+    seconds, is_credible
+        Those of an earlier one to go on from.
+
+    Attributes
+    ----------
+    seconds
+        The newest `OVER` of them.
+    is_credible
+        What the last of them showed.
+    """
+
+    def __init__(self, seconds: tuple[Second, ...] = (), is_credible: bool = True) -> None:
+        self.seconds, self.is_credible = seconds, is_credible
+        self._span_s = 0.0
+        self._turned = self._gained = NOTHING
+
+    def add(self, rows: Array) -> None:
+        """Take samples (n, 8), see `gateway.messages.ImuBlock`; those of a gap tell nothing."""
+        span_s, (a, b, c), (x, y, z) = self._span_s, self._turned, self._gained
+        for dt, da, db, dc, dx, dy, dz, missing_s in rows.tolist():
+            if not missing_s:  # one by one: sums must not depend on batches
+                span_s, a, b, c = span_s + dt, a + da, b + db, c + dc
+                x, y, z = x + dx, y + dy, z + dz
+        self._span_s, self._turned, self._gained = span_s, (a, b, c), (x, y, z)
+
+    def end_second(self, state: State) -> None:
+        """Judge by the last seconds as seen from the state at their end."""
+        if self._span_s > 0.0:
+            x, y, z = (gained / self._span_s for gained in self._gained)
+            self.seconds = (*self.seconds[1 - OVER :], Second(self._turned, (x, y, z)))
+            self.is_credible = self._judge(state)
+        self._span_s = 0.0
+        self._turned = self._gained = NOTHING
+
+    def _judge(self, state: State) -> bool:
+        if len(self.seconds) < ENOUGH:
+            return True
+        lat, lon, h = ecef_to_lla(state.r_e)
+        C_nb, f_n = C_en(lat, lon).T @ state.C_eb, np.zeros(3)
+        for second in reversed(self.seconds):
+            back = exp_so3(-0.5 * np.array(second.turned))
+            f_n += C_nb @ back @ np.array(second.force)
+            C_nb = C_nb @ back @ back
+        gained = f_n / len(self.seconds) + gravity_n(lat, h)
+        return bool(np.linalg.norm(gained) <= MOST_M_S2)
