@@ -1,10 +1,10 @@
 """From the arrival of a frame to its solution's publication, live, while late fixes come in.
 
-``python -m tests.bench.live --duration 600 --rate 1000 --fifo``: emulated frames and fixes 2.5 s
-late every 2 s go over UDP into `usblnav run`; its solutions are heard over Zenoh and NMEA. Sender,
-gateway, filter and hearers are processes of their own. Beside it, in the same run: two bare hops of
-SOCK_SEQPACKET, and a publisher that puts stamps by turns as bare as can be and as the gateway does
-its solutions, from before the JSON is made to the subscriber in another process.
+``python -m tests.bench.live --duration 600 --rate 1000 --fifo --awake``: emulated frames and fixes
+2.5 s late every 2 s go over UDP into `usblnav run`; its solutions are heard over Zenoh and NMEA.
+Sender, gateway, filter and hearers are processes of their own. Beside it, in the same run: two bare
+hops of SOCK_SEQPACKET, and a publisher that puts stamps by turns as bare as can be and as the
+gateway does its solutions, from before the JSON is made to the subscriber in another process.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -50,7 +50,7 @@ SHORT_S = 20.0
 def measure() -> list[Row]:
     """The main figures of a short run at 200 Hz."""
     with tempfile.TemporaryDirectory() as folder:
-        run = Live(Path(folder), 200.0, SHORT_S, fifo=0, niceness=0)
+        run = Live(Path(folder), 200.0, SHORT_S, Scheduling())
         rows = {row["what"]: row for row in run.rows()}
     names = ("bare Zenoh", "published as by the gateway", "arrival to Zenoh", "arrival to NMEA")
     return [
@@ -60,14 +60,27 @@ def measure() -> list[Row]:
     ]
 
 
+class Scheduling(NamedTuple):
+    """What the gateway gets: a priority of SCHED_FIFO, or a niceness; cores that stay awake."""
+
+    fifo: int = 0
+    niceness: int = 0
+    awake: bool = False
+
+    def realtime(self) -> dict[str, Any]:
+        """Say so in the configuration."""
+        fifo = {"priority": self.fifo, "lock_memory": True} if self.fifo else {}
+        return fifo | ({"wake_us": 0} if self.awake else {})
+
+
 class Live:
     """One run of everything."""
 
     def __init__(
-        self, folder: Path, rate_hz: float, duration_s: float, *, fifo: int, niceness: int
+        self, folder: Path, rate_hz: float, duration_s: float, scheduling: Scheduling
     ) -> None:
-        self.rate_hz, self.duration_s = rate_hz, duration_s
-        self._fifo, self._niceness = fifo, niceness
+        self.rate_hz, self.duration_s, self._scheduling = rate_hz, duration_s, scheduling
+        fifo = scheduling.fifo
         # The sender stands for the wire; who hears is any program.
         self._above, self._below = (fifo + 1, fifo - 1) if fifo else (0, 0)
         self._folder = folder
@@ -80,7 +93,7 @@ class Live:
 
     def _bare(self, seconds: float) -> dict[str, Times]:
         endpoint = _endpoint()
-        rate, length, fifo = str(self.rate_hz), str(seconds), self._fifo
+        rate, length, fifo = str(self.rate_hz), str(seconds), self._scheduling.fifo
         with _end(self._folder, "hear", fifo, endpoint) as heard:
             with _end(self._folder, "publish", fifo, endpoint, rate, length) as publisher:
                 publisher.wait_done()
@@ -119,14 +132,16 @@ class Live:
         listen = [self._endpoint]
         outputs = [nmea, {"type": "zenoh", "mode": "peer", "listen": listen, "rate_hz": rate_hz}]
         config = twin.gateway_config(scenario) | {"outputs": outputs}
-        if self._fifo:
-            config["realtime"] = {"priority": self._fifo, "lock_memory": True, "wake_us": 0}
+        if realtime := self._scheduling.realtime():
+            config["realtime"] = realtime
         self._config = self._folder / "config.yaml"
         self._config.write_text(yaml.safe_dump(config))
         self._key = f"usblnav/{scenario.vehicle}/nav"
 
     def _play(self, stack: ExitStack) -> None:
-        gateway = stack.enter_context(_gateway(self._config, self._folder, self._niceness))
+        gateway = stack.enter_context(
+            _gateway(self._config, self._folder, self._scheduling.niceness)
+        )
         zenoh = stack.enter_context(
             _end(self._folder, "hear-zenoh", self._below, self._endpoint, self._key)
         )
@@ -321,19 +336,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.live", description=__doc__)
     parser.add_argument("--duration", type=float, default=SHORT_S, metavar="S")
     parser.add_argument("--rate", type=float, default=200.0, metavar="HZ", help="of the IMU")
-    parser.add_argument(
-        "--fifo",
-        action="store_true",
-        help=f"at SCHED_FIFO {FIFO}, cores awake; hearers one below",
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
+        "--fifo", action="store_const", const=FIFO, default=0, help=f"SCHED_FIFO {FIFO}"
     )
-    parser.add_argument("--nice", type=int, default=0, metavar="N", help="-10 as in the unit")
+    how.add_argument("--nice", type=int, default=0, metavar="N", help="-10 as in the unit")
+    parser.add_argument("--awake", action="store_true", help="cores kept awake (wake_us: 0)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        fifo = FIFO if arguments.fifo else 0
-        run = Live(
-            Path(folder), arguments.rate, arguments.duration, fifo=fifo, niceness=arguments.nice
-        )
+        scheduling = Scheduling(arguments.fifo, arguments.nice, arguments.awake)
+        run = Live(Path(folder), arguments.rate, arguments.duration, scheduling)
     rows, usage = list(run.rows()), [usage.report() for usage in run.usage]
     head = {"rate_hz": run.rate_hz, "fixes": len(run._fixes), "missing": run.missing}
     p99 = {row["what"]: row["p99"] for row in rows}
@@ -344,7 +357,7 @@ def main() -> None:
         print(json.dumps(head | {"ms": rows, "usage": usage, "status": run.status}))
         return
     load = os.getloadavg()[0]
-    print(f"{head}, fifo {fifo}, nice {arguments.nice}, {os.cpu_count()} cores, load {load:.1f}")
+    print(f"{head}, {scheduling}, {os.cpu_count()} cores, load {load:.1f}")
     print(f"{'ms':30}{'count':>9}{'50 %':>9}{'99 %':>9}{'99.9 %':>9}{'max':>9}")
     for row in rows:
         times = "".join(f"{row[key]:9.3f}" for key in ("p50", "p99", "p99_9", "max"))
