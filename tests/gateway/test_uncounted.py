@@ -5,7 +5,7 @@ import pytest
 
 from gateway.ingest.uncounted import in_doubt_s
 from gateway.nav.lie import exp_so3
-from tests.gateway.test_ingest import ANGLE, PERIOD_NS, T0, imu, sample, taken
+from tests.gateway.ingested import ANGLE, PERIOD_NS, T0, imu, sample, taken
 
 PERIOD_S = PERIOD_NS * 1e-9
 FRAMES = 3000
