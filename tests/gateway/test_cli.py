@@ -18,7 +18,7 @@ from drivers import registry
 from drivers.imu.kvh import KVH1750, KvhOptions
 from drivers.records import ImuRecord
 from gateway.emulator.twin import DEMO
-from tests.gateway.test_config import EVERY_FAULT, EVERY_KIND
+from tests.gateway.configurations import EVERY_FAULT, EVERY_KIND
 from tests.shared_data import ROOT
 
 COMMANDS = [

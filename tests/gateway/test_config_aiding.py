@@ -12,7 +12,7 @@ from gateway.config import DepthDevice, DvlDevice, HeadingDevice, LblDevice, loa
 from gateway.fusion import initial
 from gateway.fusion.state import DKD, LEVER
 from gateway.nav.attitude import C_from_euler
-from tests.gateway.test_config import GONE, edited, faults_of, written
+from tests.gateway.configurations import GONE, edited, faults_of, written
 from tests.shared_data import ROOT
 
 UDP = {"type": "udp", "port": 7010}

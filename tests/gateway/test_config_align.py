@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from gateway.config import load
-from tests.gateway.test_config import GONE, edited, faults_of, written
+from tests.gateway.configurations import GONE, edited, faults_of, written
 
 GNSS = {
     "kind": "gnss",

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.config import Config, doubts
 from gateway.schema import build
-from tests.gateway.test_config import edited
+from tests.gateway.configurations import edited
 
 
 def doubted(*edits: tuple[str, Any]) -> list[str]:

@@ -11,7 +11,7 @@ from gateway.config import Config
 from gateway.config.checks import cross_faults
 from gateway.config.lines import advice
 from gateway.schema import build
-from tests.gateway.test_config import GOOD
+from tests.gateway.configurations import GOOD
 
 
 def configured(**link: Any) -> Config:

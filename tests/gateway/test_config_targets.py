@@ -7,7 +7,7 @@ import pytest
 from gateway.config import Config
 from gateway.config.checks import cross_faults
 from gateway.schema import build
-from tests.gateway.test_config import GOOD
+from tests.gateway.configurations import GOOD
 
 ROV = {"role": "target", "name": "rov"}
 OUT = {"type": "nmea", "link": {"type": "tcp", "port": 10110}}

@@ -13,7 +13,7 @@ from gateway.cli import main
 from gateway.config import ZenohOutput, ZenohRos, ZenohTls
 from gateway.outputs.zenoh.settings import configuration, faults
 from gateway.schema import build
-from tests.gateway.test_config import edited, written
+from tests.gateway.configurations import edited, written
 from tests.shared_data import ROOT
 
 
