@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from gateway.engine import Track
 from gateway.fusion import robust, target
 from gateway.fusion.doubt import is_locked_out, note_refused, note_used, trusts_velocity_again
-from gateway.fusion.errors import FAMILY
+from gateway.fusion.errors import FAMILY, ErrorDefinition
 from gateway.fusion.kalman import Linearised, innovation_covariance, normalised_square, update
 from gateway.fusion.memory import Memory
-from gateway.fusion.observation import Model, observe, place, settled
+from gateway.fusion.observation import Model, error_for, observe, place, settled
 from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL
@@ -121,7 +121,7 @@ class Filter:
         accepted = bool(inside or self._gate_is_open(fix))
         quality = self._judge(fix, nis, len(z.residual))
         if accepted and found is not None:
-            update(self.memory.state, found, DRIFT, self.origin_e)
+            self._update(found, DRIFT)
             note_used(self.memory, fix)
         elif accepted:
             self._use(z, S, nis, fix, track)
@@ -193,11 +193,12 @@ class Filter:
             if found is not None:
                 self._take_place(found, sound)
                 return
-        self._update(_weakened(z, CAREFUL_PARTS))
+        error = error_for(self.model, fix)
+        self._update(_weakened(z, CAREFUL_PARTS), error)
         for _ in range(1, CAREFUL_PARTS):
             again = self._observe(fix, track)
             if not isinstance(again, str):
-                self._update(_weakened(again, CAREFUL_PARTS))
+                self._update(_weakened(again, CAREFUL_PARTS), error)
 
     def _take_place(self, found: Linearised, slant_range: float) -> None:
         """Update by the place that a fix gives.  # (M.139)
@@ -209,7 +210,7 @@ class Filter:
         if _is_far(innovation_covariance(P, found), slant_range):
             P[POS, POS] += (ANYWHERE * slant_range) ** 2 * np.eye(3)
             P[VEL, VEL] += ANY_VELOCITY**2 * np.eye(3)
-        self._update(found)
+        self._update(found, self.model.error)
 
     def _update_along(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update; where the fix bends on the way, again from the start as it is seen at the end.
@@ -218,11 +219,11 @@ class Filter:
         the vehicle is, not where it was thought to be. Step and derivative are the error
         definition's own, or the step would tell what no fix does.  # (M.38), (M.167)
         """
-        error, prior, at = self.model.error, self.memory.state.copy(), z
+        error, prior, at = error_for(self.model, fix), self.memory.state.copy(), z
         T = error.to_additive(prior, self.origin_e)
         T_inv = np.linalg.inv(T)
         for _ in range(LOOKS):
-            self._update(at)
+            self._update(at, error)
             way = error.boxminus(self.memory.state, prior, self.origin_e)
             way[:9] = T @ way[:9]
             seen = self._observe(fix, track)
@@ -235,11 +236,11 @@ class Filter:
             H[:, :9] = H[:, :9] @ error.to_additive(self.memory.state, self.origin_e) @ T_inv
             at = replace(z, residual=seen.residual - H @ way, H=H)
             self.memory.state = prior.copy()
-        self._update(at)
+        self._update(at, error)
 
-    def _update(self, z: Linearised) -> None:
-        """Correct the state."""
-        update(self.memory.state, z, self.model.error, self.origin_e)
+    def _update(self, z: Linearised, error: ErrorDefinition) -> None:
+        """Correct the state in the coordinates of an error."""
+        update(self.memory.state, z, error, self.origin_e)
 
     def knows_heading(self) -> bool:
         """Whether the heading is certain enough to go by, and fixes need no care."""

@@ -20,7 +20,7 @@ from gateway.fusion import (
     velocity,
 )
 from gateway.fusion.axes import told_axes
-from gateway.fusion.errors import RIGHT, ErrorDefinition
+from gateway.fusion.errors import FAMILY, RIGHT, ErrorDefinition
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.radial_velocity import Doppler
 from gateway.fusion.ranging import Past
@@ -154,6 +154,19 @@ def observe(model: Model, state: State, fix: Fix, track: Track) -> Linearised | 
             return _observe_sound(model, state, fix, track)
         case _:
             return _observe_vehicle(model.mount(fix.device), state, fix)
+
+
+def error_for(model: Model, fix: Fix) -> ErrorDefinition:
+    """The error in whose coordinates a measurement is linear wherever the vehicle is.  # (M.182)
+
+    The configured one is for what is seen from the vehicle; what is measured in the Earth's axes
+    would tell of the attitude by every step that the position made.
+    """
+    match fix:
+        case PositionFix() | VelocityFix() | Depth():
+            return FAMILY["additive"]
+        case _:
+            return model.error
 
 
 def place(model: Model, state: State, fix: Fix, track: Track) -> Linearised | None:

@@ -69,7 +69,7 @@ def looked_at_again(filter_, fix):
 
 
 def looked_at_once(filter_, fix):
-    filter_._update(filter_._observe(fix, None))
+    filter_._update(filter_._observe(fix, None), filter_.model.error)
 
 
 @pytest.mark.parametrize("error", ["right_invariant", "left_invariant", "additive"])

@@ -1,5 +1,6 @@
 """The filter on the emulator's data: gate, open gate, lock-out, and what it says of each fix."""
 
+import dataclasses
 from functools import cache
 
 import numpy as np
@@ -8,10 +9,12 @@ from msgspec.structs import replace
 
 from gateway.fusion import initial
 from gateway.fusion.doubt import FREED, LOCK_OUT, RARE
+from gateway.fusion.errors import FAMILY
 from gateway.fusion.filter import Filter
 from gateway.fusion.memory import Memory
 from gateway.fusion.report import solution
 from gateway.fusion.state import ATT, POS, VEL, State
+from gateway.messages import Depth, PositionFix
 from gateway.modes import Mode
 from gateway.nav import earth
 from gateway.nav.lie import exp_so3
@@ -65,6 +68,22 @@ def test_a_good_fix_is_used():
         assert filter_.memory.used == k + 1
         assert filter_.memory.t_used_ns == verdict.t_ns == trip.fixes[k].t_ns
     assert np.sqrt(filter_.memory.state.P.diagonal()[POS]).max() < 0.5
+
+
+@pytest.mark.parametrize("error", sorted(FAMILY))
+def test_places_and_heights_at_one_moment_tell_nothing_of_the_attitude(error):
+    """The first place moves the estimate by metres; what is known of the level must not turn that
+    into a height that those after it contradict."""
+    _, filter_, _ = at_the_truth((0.02, 0.1, 30.0))
+    filter_.model = dataclasses.replace(filter_.model, error=FAMILY[error])
+    state = filter_.memory.state
+    filter_.origin_e = state.r_e.copy()
+    C = earth.C_en(*earth.ecef_to_lla(state.r_e)[:2])
+    lat, lon, h = map(float, earth.ecef_to_lla(state.r_e + C @ [40.0, 30.0, 0.0]))
+    before = state.P[ATT, ATT].copy()
+    for fix in 3 * [PositionFix(0, "aid", lat, lon, None, (0.1,) * 3), Depth(0, "aid", h, 0.05)]:
+        assert filter_.apply(fix, None).accepted
+    np.testing.assert_allclose(filter_.memory.state.P[ATT, ATT], before, atol=1e-9)
 
 
 def test_an_outlier_is_refused_and_leaves_no_trace():
