@@ -19,8 +19,8 @@ from gateway.nav.lie import exp_so3
 
 Array = NDArray[np.float64]
 
-MOST_M_S2 = 3.0
-"""Nothing that floats gains speed like this for `OVER` seconds."""
+MOST_M_S2 = 5.0
+"""No vehicle that floats does this for `OVER` seconds; a fast boat in a hard turn comes near."""
 OVER = 5
 ENOUGH = 3
 """So many seconds tell, where there are no more."""
