@@ -207,6 +207,8 @@ class Innovation(msgspec.Struct, frozen=True, array_like=True, tag="innovation")
     reason: str
     quality: float | None = None
     """Running mean of the beacon's NIS per row, near 1 as declared; None where no beacon is."""
+    moved: Vec3 | None = None
+    """How far it took the place, north, east, down (m), where the filter doubted itself."""
 
 
 class TargetSighting(msgspec.Struct, frozen=True, array_like=True, tag="sighting"):

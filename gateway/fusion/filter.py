@@ -16,7 +16,7 @@ from gateway.fusion.observation import Model, error_for, observe, place, settled
 from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL
-from gateway.messages import Fix, Innovation, UsblFix, Verdict
+from gateway.messages import Fix, Innovation, UsblFix, Vec3, Verdict
 from gateway.modes import KNOWN_HEADING_SD
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -120,6 +120,7 @@ class Filter:
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
         accepted = bool(inside or self._gate_is_open(fix))
         quality = self._judge(fix, nis, len(z.residual))
+        doubted_e = self.memory.state.r_e.copy() if is_locked_out(self.memory) else None
         if accepted and found is not None:
             self._update(found, DRIFT)
             note_used(self.memory, fix)
@@ -128,10 +129,17 @@ class Filter:
         else:
             note_refused(self.memory, fix, z)
         reason = "" if accepted else "gate"
-        components = components_of(z, S)
-        return Innovation(
-            fix.t_ns, fix.device, fix.beacon, components, nis, accepted, reason, quality
-        )
+        moved = self._moved_from(doubted_e) if accepted and fix.locates else None
+        heard = fix.t_ns, fix.device, fix.beacon, components_of(z, S)
+        return Innovation(*heard, nis, accepted, reason, quality, moved)
+
+    def _moved_from(self, before_e: Array | None) -> Vec3 | None:
+        """How far the place has gone, north, east, down (m); None from nowhere."""
+        if before_e is None:
+            return None
+        lat, lon, _ = ecef_to_lla(before_e)
+        north, east, down = (C_en(lat, lon).T @ (self.memory.state.r_e - before_e)).tolist()
+        return north, east, down
 
     def _sight(self, fix: Fix, track: Track) -> Verdict:
         """Tell a target's place: it says nothing of our own, and the gate knows nothing of it."""

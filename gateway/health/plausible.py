@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import msgspec
-
 from gateway.config import DeviceKind
+from gateway.health.doubts import Doubt
+from gateway.health.freed import Freed
 from gateway.ingest import Intake
 from gateway.ingest.imu import ImuIngest
 from gateway.messages import Innovation
@@ -41,13 +41,6 @@ _HINTS: dict[DeviceKind, str] = {
 }
 
 _log = logging.getLogger(__name__)
-
-
-class Doubt(msgspec.Struct, frozen=True):
-    """Something that a device says and that cannot well be."""
-
-    of: str
-    text: str
 
 
 class _Finding(NamedTuple):
@@ -99,14 +92,17 @@ class Plausibility:
         self._refused: Counter[str] = Counter()
         self._known: set[str] = set()
         self._strange: dict[str, str] = {}
+        self._freed = Freed()
 
     @property
     def doubts(self) -> list[Doubt]:
         """What is doubted now."""
-        return [Doubt(of, thing.text) for (of, _), thing in self._things.items() if thing.text]
+        found = [Doubt(of, thing.text) for (of, _), thing in self._things.items() if thing.text]
+        return found + self._freed.doubts
 
     def verdict(self, innovation: Innovation) -> None:
         """Note what the filter made of a fix."""
+        self._freed.verdict(innovation)
         device = innovation.device
         if innovation.accepted or innovation.reason == "gate":
             (self._used if innovation.accepted else self._refused)[device] += 1
@@ -120,6 +116,7 @@ class Plausibility:
 
     def look(self, now: float) -> None:
         """Judge the window that ends, if one does."""
+        self._freed.look(now)
         if self._at is not None and now - self._at < WINDOW_S:
             return
         span_s = math.inf if self._at is None else now - self._at

@@ -5,7 +5,7 @@ import msgspec
 from gateway.clock import ClockReport
 from gateway.config import DeviceKind
 from gateway.filter_process.host import HostStatus
-from gateway.health.plausible import Doubt
+from gateway.health.doubts import Doubt
 from gateway.latency import StageReport
 from gateway.machine.realtime import RealtimeStatus
 from gateway.messages import FilterTotals

@@ -174,7 +174,9 @@ def test_a_locked_out_filter_frees_itself(east_m):
     verdicts = [offer(trip, timeline, k) for k in range(35)]
     first = [v.accepted for v in verdicts].index(True)
     assert LOCK_OUT < first <= 12
-    assert all(v.reason == "gate" for v in verdicts[:first])
+    assert all(v.reason == "gate" and v.moved is None for v in verdicts[:first])
+    gone = np.sum([v.moved for v in verdicts if v.moved is not None], axis=0)
+    assert np.linalg.norm(gone - [0.0, -east_m, 0.0]) < 6.0, "it tells how far it was off"
     t_s = (timeline.t_head_ns - trip.t_ns[0]) * 1e-9 + trip.t_imu[0]
     truth = trip.state(t_s)
     assert np.linalg.norm(filter_.memory.state.r_e - truth.r_e) < 5.0

@@ -10,12 +10,13 @@ import pytest
 from drivers.records import ImuRecord
 from gateway.config import Config
 from gateway.emulator import twin
+from gateway.health.doubts import Doubt
+from gateway.health.freed import STAYS_S
 from gateway.health.plausible import (
     DOUBTED_AFTER,
     FIXES,
     TRUSTED_AFTER,
     WINDOW_S,
-    Doubt,
     Plausibility,
 )
 from gateway.ingest import Intake, intakes
@@ -78,6 +79,12 @@ class Sea:
         self.now += WINDOW_S
         self.plausibility.look(self.now)
         return self.plausibility.doubts
+
+    def moved(self, *metres: tuple[float, float, float]) -> None:
+        """Let the filter, which doubts itself, use fixes that take the place so far."""
+        for moved in metres:
+            verdict = Innovation(0, "usbl0", "1", (), 1.0, True, "", moved=moved)
+            self.plausibility.verdict(verdict)
 
     def judged(self, used: int, refused: int, reason: str = "gate", beacon: str = "1") -> None:
         """Let the filter say what it made of fixes."""
@@ -202,3 +209,35 @@ def test_a_beacon_that_the_configuration_does_not_know(
         assert said() == []
         sea.look()
     assert said() == ['usbl0: hears beacon "7", of which the configuration does not know']
+
+
+def test_where_the_filter_gave_in_is_said_once_and_how_far(
+    sea: Sea, said: Callable[[], list[str]]
+) -> None:
+    """A beacon that is configured 100 m off, or a start that was wrong: who knows?"""
+    text = (
+        '10 fixes of beacon "1" did not fit; then they were believed, and the place went'
+        " 99 m north, 3 m west, 4 m up: was it wrong, or is what they are told from?"
+    )
+    sea.judged(used=5, refused=10)
+    sea.moved((99.5, -3.2, -4.1), (-0.5, 0.2, -0.3))
+    assert sea.look() == []
+    sea.judged(used=1, refused=0)
+    assert sea.look() == [Doubt("usbl0", text)]
+    assert said() == [f"usbl0: {text}"]
+    while sea.now < 1000.0 + STAYS_S:
+        assert sea.look() == [Doubt("usbl0", text)]
+    sea.look()
+    sea.look()
+    assert sea.look() == []
+    assert said() == []
+
+
+def test_an_outlier_or_a_small_step_is_no_giving_in(sea: Sea) -> None:
+    sea.judged(used=5, refused=1)
+    sea.judged(used=5, refused=10)
+    sea.moved((0.3, 0.2, 0.1))
+    sea.judged(used=5, refused=0)
+    sea.moved((50.0, 0.0, 0.0))  # of nothing that was refused
+    sea.judged(used=5, refused=0)
+    assert sea.look() == []
