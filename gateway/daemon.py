@@ -238,6 +238,7 @@ class _Daemon:
         """See how Unix time stands to monotonic time; a recording keeps it for its replays."""
         now_ns = time.monotonic_ns()
         sample = self._utc.sample(now_ns, time.time_ns() - now_ns)
+        self._health.host_clock.sampled(now_ns, sample.offset_ns)
         if self._recorder is not None:
             self._recorder.utc(sample)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from gateway.filter_process.host import FilterHost
+from gateway.health.hostclock import HostClock
 from gateway.health.lines import Line
 from gateway.health.plausible import Plausibility
 from gateway.health.report import HealthReport
@@ -73,6 +74,7 @@ class Health:
         self._losses = Losses()
         self.passage = Passage(self._stages)
         self.plausibility = Plausibility([line.intake for line in lines])
+        self.host_clock = HostClock()
         self.totals: FilterCounts | None = None
         self.realtime = RealtimeStatus()
 
@@ -131,7 +133,7 @@ class Health:
             latency=self._stages.report(),
             realtime=self.realtime,
             state_file=None if self._keeper is None else self._keeper.status,
-            doubts=self.plausibility.doubts,
+            doubts=self.host_clock.doubts + self.plausibility.doubts,
         )
 
     def line(self) -> str:
