@@ -23,7 +23,7 @@ import zenoh
 from gateway.emulator import twin
 from tests.gateway.emulated import make
 from tests.integration.rig import brisk, session
-from tests.integration.zenoh_ends import free_endpoint
+from tests.loopback import free_endpoint
 from tests.shared_data import ROOT
 
 TIMES = 10

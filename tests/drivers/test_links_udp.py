@@ -12,13 +12,7 @@ import pytest
 from drivers.links import Chunk, LinkCounts, LinkError, open_link, udp
 from drivers.settings import UdpLink
 from tests.drivers.hearing import Heard, hearing
-
-
-def free_port(address: str = "127.0.0.1") -> int:
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.bind((address, 0))
-        return int(probe.getsockname()[1])
+from tests.loopback import free_port
 
 
 @pytest.fixture
@@ -34,7 +28,7 @@ async def take(link: Heard, count: int) -> list[Chunk]:
 
 
 async def test_datagrams_come_whole_and_in_order(sender: socket.socket) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     counts = LinkCounts()
     sent = [b"", b"a", b"\x00" * 9000, b"z" * 60_000]
     async with hearing(UdpLink(port=port), counts) as link:
@@ -53,7 +47,7 @@ def stall(seconds: float) -> None:
 
 @pytest.mark.skipif(os.uname().sysname != "Linux", reason="the kernel stamps on Linux only")
 async def test_stamp_is_the_kernels_even_when_the_loop_is_blocked(sender: socket.socket) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     async with hearing(UdpLink(port=port)) as link:
         sent = []
         for n in range(5):
@@ -70,7 +64,7 @@ async def test_stamp_is_the_kernels_even_when_the_loop_is_blocked(sender: socket
 async def test_a_wall_clock_set_ahead_moves_no_stamp(
     sender: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     async with hearing(UdpLink(port=port)) as link:
         before = time.monotonic_ns()
         sender.sendto(b"x", ("127.0.0.1", port))
@@ -84,7 +78,7 @@ async def test_a_wall_clock_set_ahead_moves_no_stamp(
 async def test_only_allowed_senders_are_heard(
     sender: socket.socket, allow: tuple[str, ...]
 ) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     counts = LinkCounts()
     async with hearing(UdpLink(port=port, allow=allow), counts) as link:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as friend:
@@ -104,7 +98,7 @@ def spoken(address: str, data: bytes, port: int) -> None:
 
 
 async def test_two_links_share_a_port_and_each_hears_its_own_sender() -> None:
-    port, one, two = free_port(), LinkCounts(), LinkCounts()
+    port, one, two = free_port(socket.SOCK_DGRAM), LinkCounts(), LinkCounts()
     first = UdpLink(port=port, allow=("127.0.0.1",))
     second = UdpLink(port=port, allow=("127.0.0.2/31",))
     async with hearing(second, two) as other:
@@ -127,7 +121,7 @@ async def test_two_links_share_a_port_and_each_hears_its_own_sender() -> None:
 
 
 async def test_a_multicast_group_is_joined_and_nothing_else_gets_in(sender: socket.socket) -> None:
-    port = free_port("0.0.0.0")
+    port = free_port(socket.SOCK_DGRAM, "0.0.0.0")
     settings = UdpLink(port=port, group="239.192.7.1", bind="127.0.0.1")
     interface = socket.inet_aton("127.0.0.1")
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
@@ -143,7 +137,7 @@ async def test_joining_again_does_no_harm(
     sender: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(udp, "REJOIN_S", 0.001)
-    port = free_port("0.0.0.0")
+    port = free_port(socket.SOCK_DGRAM, "0.0.0.0")
     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
     async with hearing(UdpLink(port=port, group="239.192.7.1")) as link:
         for n in range(10):
@@ -169,7 +163,7 @@ def multicast_sender6() -> tuple[socket.socket, str, int]:
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 async def test_an_ipv6_group_is_joined_on_its_interface() -> None:
-    port = free_port("::1")
+    port = free_port(socket.SOCK_DGRAM, "::1")
     six, name, index = multicast_sender6()
     with six:
         async with hearing(UdpLink(port=port, group=f"ff12::7001%{name}")) as link:
@@ -178,7 +172,7 @@ async def test_an_ipv6_group_is_joined_on_its_interface() -> None:
 
 
 async def test_broadcasts_are_heard_on_the_wildcard(sender: socket.socket) -> None:
-    port = free_port("0.0.0.0")
+    port = free_port(socket.SOCK_DGRAM, "0.0.0.0")
     sender.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     async with hearing(UdpLink(port=port, bind="0.0.0.0")) as link:
         sender.sendto(b"all", ("127.255.255.255", port))
@@ -187,7 +181,7 @@ async def test_broadcasts_are_heard_on_the_wildcard(sender: socket.socket) -> No
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 async def test_ipv6_and_a_dual_stack_wildcard(sender: socket.socket) -> None:
-    port = free_port("::1")
+    port = free_port(socket.SOCK_DGRAM, "::1")
     with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as six:
         six.bind(("::1", 0))
         own = f"[::1]:{six.getsockname()[1]}"
@@ -201,7 +195,7 @@ async def test_ipv6_and_a_dual_stack_wildcard(sender: socket.socket) -> None:
 
 
 async def test_a_taken_port_is_one_clear_line() -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     async with hearing(UdpLink(port=port)):
         with pytest.raises(LinkError) as lost:
             async with hearing(UdpLink(port=port)):
@@ -224,7 +218,7 @@ async def test_unusable_addresses_are_one_clear_line(settings: UdpLink, line: st
 
 
 async def test_kernel_drops_are_counted_exactly(sender: socket.socket) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     counts = LinkCounts()
     async with hearing(UdpLink(port=port), counts) as link:
         dropped = []
@@ -250,7 +244,7 @@ async def drained(counts: LinkCounts) -> None:
 
 
 async def test_what_fails_in_the_taker_is_not_swallowed(sender: socket.socket) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     asyncio.get_running_loop().set_exception_handler(lambda _loop, _context: None)  # it is said too
 
     def fail(chunk: Chunk) -> None:

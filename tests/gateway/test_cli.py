@@ -3,11 +3,8 @@
 import json
 import os
 import re
-import signal
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,10 +12,10 @@ import dpkt
 import pytest
 
 from drivers import registry
-from drivers.imu.kvh import KVH1750, KvhOptions
-from drivers.records import ImuRecord
 from gateway.emulator.twin import DEMO
+from tests.gateway.command_line import FRAMES, USBLNAV, lines, usblnav
 from tests.gateway.configurations import EVERY_FAULT, EVERY_KIND
+from tests.loopback import free_endpoint
 from tests.shared_data import ROOT
 
 COMMANDS = [
@@ -35,49 +32,12 @@ COMMANDS = [
     "decode",
     "study",
 ]
-USBLNAV = [sys.executable, "-m", "gateway"]
-FRAMES = [
-    KVH1750.encode(
-        ImuRecord(
-            t_rx_ns=0,
-            sequence=n,
-            delta_angle_rad=(0.001, 0.0, 0.0),
-            specific_force_m_s2=(0.0, 0.0, -9.80665),
-            temperature_c=20.0,
-        ),
-        KvhOptions(),
-    )
-    for n in range(3)
-]
-
-
-def usblnav(*arguments: str | Path, data: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    done = subprocess.run(
-        [*USBLNAV, *arguments], input=data, capture_output=True, cwd=ROOT, timeout=60, check=False
-    )
-    assert b"Traceback" not in done.stderr, done.stderr.decode()
-    return done
-
-
-def lines(output: bytes) -> list[str]:
-    return output.decode().splitlines()
-
-
-def records(output: bytes) -> list[dict[str, object]]:
-    return [json.loads(line) for line in lines(output)]
 
 
 @pytest.fixture
 def wrong(tmp_path: Path) -> Path:
     path = tmp_path / "wrong.yaml"
     path.write_text(EVERY_KIND)
-    return path
-
-
-@pytest.fixture
-def cable(tmp_path: Path) -> Path:
-    path = tmp_path / "cable.bin"
-    path.write_bytes(b"".join(FRAMES))
     return path
 
 
@@ -234,101 +194,6 @@ def test_codecs_lists_every_format_with_its_options() -> None:
     assert {"dvl", "depth", "usbl"} <= set(stdbin["also"])
 
 
-def test_decode_prints_one_object_a_record(cable: Path) -> None:
-    done = usblnav("decode", "--codec", "kvh1750", cable)
-    assert done.returncode == 0
-    assert lines(done.stderr) == ["3 imu"]
-    decoded = records(done.stdout)
-    assert [(r["record"], r["sequence"], r["t_rx_ns"]) for r in decoded] == [
-        ("imu", 0, 0),
-        ("imu", 1, 0),
-        ("imu", 2, 0),
-    ]
-    assert decoded[0]["delta_angle_rad"] == pytest.approx([0.001, 0.0, 0.0], rel=1e-6)
-
-
-def test_decode_counts_what_it_rejects(tmp_path: Path) -> None:
-    junk, broken = b"junk", FRAMES[1][:-1] + bytes([FRAMES[1][-1] ^ 1])
-    path = tmp_path / "cable.bin"
-    path.write_bytes(FRAMES[0] + junk + broken + FRAMES[2] + FRAMES[0][:7])
-    done = usblnav("decode", "--codec", "kvh1750", path)
-    assert done.returncode == 0
-    decoded = records(done.stdout)
-    assert [r["sequence"] for r in decoded if r["record"] == "imu"] == [0, 2]
-    lost = [bytes.fromhex(str(r["bytes"])) for r in decoded if r["record"] == "rejected"]
-    assert b"".join(lost) == junk + broken + FRAMES[0][:7]
-    assert lines(done.stderr)[0].startswith("2 imu, ")
-    assert sum(int(n) for n in re.findall(r"(\d+) rejected", done.stderr.decode())) == len(lost)
-
-
-def test_decode_takes_the_options_of_the_codec(cable: Path) -> None:
-    options = ["-o", "gyro=rate_deg_s", "-o", "accel=delta_v_m_s"]
-    first = records(usblnav("decode", "--codec", "kvh1750", *options, cable).stdout)[0]
-    assert first["rate_rad_s"] == pytest.approx([0.001 * 3.141592653589793 / 180, 0, 0], rel=1e-6)
-    assert first["delta_velocity_m_s"] == pytest.approx([0.0, 0.0, -1.0], rel=1e-6)
-
-
-def test_decode_names_every_wrong_option(cable: Path) -> None:
-    options = ["-o", "gyro=rpm", "-o", "accl=g", "-o", "x", "-o", "gyro=rad"]
-    done = usblnav("decode", "--codec", "kvh1750", *options, cable)
-    assert done.returncode == 2
-    assert lines(done.stderr) == [
-        "usblnav: -o x: expected key=value",
-        "usblnav: -o gyro: given twice",
-        "usblnav: -o gyro: expected one of delta_angle_deg, delta_angle_rad, rate_deg_s, "
-        'rate_rad_s, got "rpm"',
-        "usblnav: -o accl: unknown key; did you mean accel?",
-    ]
-
-
-def test_decode_option_of_text_needs_no_quotes() -> None:
-    done = usblnav("decode", "--codec", "tracklink-gll", "-o", "beacon=7", "-")
-    assert (done.returncode, lines(done.stderr)) == (0, ["no records"])
-
-
-def test_decode_reads_hexadecimal_text() -> None:
-    digits = b"".join(FRAMES).hex()
-    text = "\n".join(f"{digits[n : n + 5]} \t" for n in range(0, len(digits), 5))
-    done = usblnav("decode", "--codec", "kvh1750", "--hex", "-", data=text.upper().encode())
-    assert [r["sequence"] for r in records(done.stdout)] == [0, 1, 2]
-
-
-@pytest.mark.parametrize(
-    ("text", "whole", "said"),
-    [
-        (b"fe 81\nxy\n", b"\xfe\x81", "line 2: not hexadecimal"),
-        (b"fe 8\x31\n\xff", b"\xfe\x81", "line 2: not hexadecimal"),
-        (b"fe 8\n", b"\xfe", "ends in half a byte"),
-    ],
-)
-def test_decode_says_where_the_hexadecimal_ends(text: bytes, whole: bytes, said: str) -> None:
-    done = usblnav("decode", "--codec", "kvh1750", "--hex", "-", data=text)
-    assert done.returncode == 1
-    assert lines(done.stderr)[-1] == f"usblnav: standard input: {said}"
-    assert b"".join(bytes.fromhex(str(r["bytes"])) for r in records(done.stdout)) == whole
-
-
-def test_decode_follows_a_live_cable_until_interrupted() -> None:
-    before = time.monotonic_ns()
-    with subprocess.Popen(
-        [*USBLNAV, "decode", "--codec", "kvh1750", "-"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=ROOT,
-    ) as process:
-        assert process.stdin and process.stdout and process.stderr
-        for sequence, frame in enumerate(FRAMES):
-            process.stdin.write(frame)
-            process.stdin.flush()
-            record = json.loads(process.stdout.readline())
-            assert record["sequence"] == sequence
-            assert before < record["t_rx_ns"] < time.monotonic_ns()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 130
-        assert lines(process.stderr.read()) == ["3 imu"]
-
-
 def test_a_reader_that_leaves_is_no_fault(tmp_path: Path) -> None:
     path = tmp_path / "long.bin"
     path.write_bytes(b"".join(FRAMES) * 20_000)
@@ -393,9 +258,7 @@ def test_emulate_writes_a_capture(tmp_path: Path) -> None:
 
 
 def test_status_of_nobody_is_one_line(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     done = usblnav("status", "--connect", endpoint)
     assert (done.returncode, done.stdout) == (1, b"")
     assert lines(done.stderr) == [f"usblnav: zenoh {endpoint}: nobody answers"]

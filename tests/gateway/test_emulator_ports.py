@@ -10,11 +10,7 @@ from gateway.emulator.ports import open_port, paced
 from gateway.emulator.scenario import PtyPort, SerialPort, TcpServerPort
 from gateway.emulator.streams import Emission
 from gateway.errors import UsblnavError
-
-
-def free_tcp_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
+from tests.loopback import free_port
 
 
 def test_a_serial_line_takes_its_time():
@@ -76,7 +72,7 @@ def test_a_rate_no_uart_has():
 
 
 def test_tcp_serves_many_and_forgets_who_left():
-    number = free_tcp_port()
+    number = free_port()
     port = open_port(TcpServerPort(port=number))
     port.send(b"nobody")
     clients = [socket.create_connection(("127.0.0.1", number), 5.0) for _ in range(2)]

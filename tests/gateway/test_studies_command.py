@@ -15,7 +15,7 @@ import pytest
 from gateway.errors import UsblnavError
 from gateway.studies import STUDIES, invariant
 from gateway.studies.montecarlo import Workers
-from tests.gateway.test_cli import usblnav
+from tests.gateway.command_line import usblnav
 from tests.gateway.test_studies import short, voyage
 from tests.shared_data import ROOT
 

@@ -13,13 +13,7 @@ from typing import Any, Protocol, Self
 
 from gateway.emulator.ports import open_port
 from gateway.emulator.scenario import SerialPort
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    """A port of loopback that nobody uses now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+from tests.loopback import free_port
 
 
 class End(Protocol):

@@ -23,7 +23,8 @@ from gateway.emulator.truth import TruthFile
 from gateway.outputs.schema import NavReport
 from gateway.outputs.zenoh import at, open_subscription
 from tests.gateway.emulated import demo_data, make
-from tests.integration.cables import Cable, free_port
+from tests.integration.cables import Cable
+from tests.loopback import free_port
 from tests.shared_data import ROOT
 
 T = TypeVar("T")

@@ -20,8 +20,9 @@ from drivers.links.base import LinkCounts, LinkError
 from drivers.links.serial import open_serial
 from drivers.records import ImuRecord
 from drivers.settings import SerialLink
-from tests.integration.cables import Cable, PtyEnd, TcpEnd, UdpEnd, free_port
+from tests.integration.cables import Cable, PtyEnd, TcpEnd, UdpEnd
 from tests.integration.rig import USBLNAV, Rig, session
+from tests.loopback import free_port
 from tests.shared_data import ROOT
 
 pytestmark = pytest.mark.live

@@ -16,7 +16,8 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.integration.rig import Rig, brisk
-from tests.integration.zenoh_ends import free_endpoint, session, until
+from tests.integration.zenoh_ends import session
+from tests.loopback import free_endpoint, until
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
 

@@ -16,8 +16,9 @@ from typing import Any
 import pytest
 
 from gateway.outputs.schema import NavReport
-from tests.integration.cables import Cable, UdpEnd, free_port
+from tests.integration.cables import Cable, UdpEnd
 from tests.integration.rig import Rig, brisk
+from tests.loopback import free_port
 
 pytestmark = [
     pytest.mark.live,

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.cables import free_port
 from tests.integration.rig import Rig, brisk
+from tests.loopback import free_port
 
 pytest.importorskip("PyQt6.QtPositioning", reason="no PyQt6 (docs/outputs.md)")
 pytestmark = [pytest.mark.live, pytest.mark.slow]

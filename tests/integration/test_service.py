@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 from tests.gateway.recorded import files, topics
-from tests.integration.cables import free_port
 from tests.integration.rig import USBLNAV, session
+from tests.loopback import free_port
 from tests.shared_data import ROOT
 
 pytestmark = [

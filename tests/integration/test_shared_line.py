@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.cables import free_port
 from tests.integration.rig import Rig, brisk
+from tests.loopback import free_port
 
 pytestmark = pytest.mark.live
 

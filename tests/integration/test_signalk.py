@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.cables import free_port
 from tests.integration.rig import Rig, brisk
+from tests.loopback import free_port
 
 SERVER = shutil.which("signalk-server")
 pytestmark = [

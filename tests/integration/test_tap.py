@@ -17,9 +17,9 @@ import pytest
 
 from drivers.links import open_link
 from drivers.settings import SerialLink
-from tests.gateway.test_cli import FRAMES
-from tests.integration.cables import free_port
+from tests.gateway.command_line import FRAMES
 from tests.integration.rig import USBLNAV
+from tests.loopback import free_port
 from tests.shared_data import ROOT
 
 pytestmark = pytest.mark.live

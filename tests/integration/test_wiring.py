@@ -17,7 +17,7 @@ import yaml
 from tests.gateway.emulated import demo_data
 from tests.gateway.test_docs import blocks, commands
 from tests.integration.test_readme import environment
-from tests.integration.zenoh_ends import free_endpoint
+from tests.loopback import free_endpoint
 from tests.shared_data import ROOT
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]

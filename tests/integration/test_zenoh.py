@@ -22,6 +22,7 @@ from gateway.messages import Calibration, Constant
 from gateway.outputs.schema import calibration_report, nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
+from tests.loopback import free_endpoint, until
 
 pytestmark = pytest.mark.live
 
@@ -66,12 +67,6 @@ with zenoh.open(config) as session:
     if task != "get":
         held.undeclare()
 """
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def router(endpoint: str) -> ZenohOutput:
@@ -272,14 +267,6 @@ async def test_a_client_waits_for_its_router_and_outlives_it(
             await until(lambda: not publisher.status().up)
             publisher.publish("nav", nav_report(solution(), OFFSET_NS))
     assert len([m for m in caplog.messages if "trying again" in m]) == 1
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    for _ in range(400):
-        if condition():
-            return
-        await asyncio.sleep(0.05)
-    pytest.fail("waited twenty seconds in vain")
 
 
 def listening(pid: int) -> set[str]:

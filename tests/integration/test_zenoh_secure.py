@@ -11,7 +11,8 @@ import zenoh
 
 from gateway.config import ZenohOutput, ZenohTls
 from gateway.outputs.zenoh import ask, client_of, open_publisher
-from tests.integration.zenoh_ends import free_endpoint, session, until
+from tests.integration.zenoh_ends import session
+from tests.loopback import free_endpoint, until
 
 pytestmark = pytest.mark.live
 

@@ -19,7 +19,8 @@ from gateway.config import MapOrigin, ZenohOutput, ZenohRos
 from gateway.outputs.schema import nav_report
 from gateway.outputs.zenoh import ZenohPublisher, open_publisher
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
-from tests.integration.zenoh_ends import Wire, free_endpoint, session, until
+from tests.integration.zenoh_ends import Wire, session
+from tests.loopback import free_endpoint, until
 
 pytestmark = pytest.mark.live
 

@@ -2,20 +2,11 @@
 
 import asyncio
 import json
-import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Self
 
-import pytest
 import zenoh
-
-
-def free_endpoint(protocol: str = "tcp") -> str:
-    """Where nobody listens yet."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextmanager
@@ -30,16 +21,6 @@ def session(connect: str, mode: str = "client", **transport: Any) -> Iterator[ze
     }
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
         yield opened
-
-
-async def until(condition: Callable[[], object], do: Callable[[], object] = lambda: None) -> None:
-    """Wait for a condition, doing something again and again meanwhile."""
-    for _ in range(400):
-        if condition():
-            return
-        do()
-        await asyncio.sleep(0.05)
-    pytest.fail("waited twenty seconds in vain")
 
 
 class Wire:
