@@ -81,7 +81,7 @@ class _Daemon:
         self._collector = realtime.Collector()
         self._feeds: list[Feed] = []
         rate_hz = max([MIN_SOLUTION_RATE_HZ, *(output.rate_hz for output in outputs)])
-        path = statefile.place(config.state)
+        path, self._claim = statefile.claimed(statefile.place(config.state))
         resume = COLD
         if path is not None and not cold:
             resume = statefile.resume(path, config, bootclock.now())

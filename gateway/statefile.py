@@ -18,6 +18,7 @@ import msgspec
 from gateway.clock import Clocks, aged
 from gateway.config import Config, StateFile
 from gateway.machine.bootclock import Moment, now, unbelievable
+from gateway.machine.claim import ClaimedError, claim
 from gateway.messages import SavedState
 from gateway.resume import COLD, Resume
 
@@ -58,6 +59,15 @@ def place(settings: StateFile) -> Path | None:
         return Path(settings.file)
     folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     return Path(folder) / "state" if folder else None
+
+
+def claimed(path: Path | None) -> tuple[Path | None, int | None]:
+    """The place, if no other gateway keeps its state there, and what holds it for this process."""
+    try:
+        return path, None if path is None else claim(path)
+    except ClaimedError as error:
+        _log.warning("state file %s: %s; going on without one", path, error)
+        return None, None
 
 
 def setup_of(config: Config) -> bytes:

@@ -1,7 +1,10 @@
 """The state on disk: fresh, old, damaged, foreign, and a disk that will not take it."""
 
 import hashlib
+import os
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from drivers.links.holder import process_name
 from gateway import statefile
 from gateway.clock import ClockMemory, Clocks, DeviceClock, aged
 from gateway.config import Config, StateFile
@@ -285,3 +289,36 @@ def test_a_folder_that_is_not_there_yet_is_waited_for(
         "no such file or directory; trying again",
         "written again",
     ]
+
+
+def test_a_file_that_another_gateway_keeps_is_left_alone(
+    path: Path, config: Config, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its state is not read, nor set aside, nor written over; with its process it is free again."""
+    keeps = "import sys; from gateway.machine.claim import claim; from pathlib import Path\n"
+    keeps += "claim(Path(sys.argv[1])); print('kept', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", keeps, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"kept\n"
+        assert statefile.claimed(path) == (None, None)
+        (record,) = caplog.records
+        assert record.getMessage() == (
+            f"state file {path}: kept by another gateway ({process_name(other.pid)});"
+            " going on without one"
+        )
+        other.kill()
+    place, held = statefile.claimed(path)
+    assert place == path
+    assert held is not None
+    assert statefile.claimed(path) == (None, None), "it is held by this process now"
+    os.close(held)
+
+
+def test_a_disk_that_takes_no_lock_is_no_hindrance(tmp_path: Path) -> None:
+    path = tmp_path / "missing" / "state"
+    assert statefile.claimed(path) == (path, None)
+    assert statefile.claimed(None) == (None, None)
