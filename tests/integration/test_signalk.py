@@ -1,4 +1,4 @@
-"""Signal K, the real server, on the gateway's UDP and TCP: what its model of the vessel holds."""
+"""Signal K, the real server, on the gateway's UDP, TCP and pty: what its model of the vessel holds."""
 
 import asyncio
 import json
@@ -117,16 +117,19 @@ async def test_signal_k_holds_the_solution(tmp_path: Path) -> None:
         "rate_hz": 5,
         "surface_height_m": SURFACE_M,
     }
+    pty = str(tmp_path / "nmea")
     outputs = [
         says | {"link": {"type": "udp", "port": udp}},
         says | {"link": {"type": "tcp", "port": tcp}, "talker": "IN"},
+        says | {"link": {"type": "pty", "symlink": pty}},
     ]
     rig.write({"outputs": [*rig.config["outputs"], *outputs]})
     ways = {
         "by_udp": {"type": "udp", "port": str(udp)},
         "by_tcp": {"type": "tcp", "host": "127.0.0.1", "port": str(tcp)},
+        "by_pty": {"type": "serial", "device": pty, "baudrate": 115200},
     }
-    sources = ("by_udp.GP", "by_tcp.IN")
+    sources = ("by_udp.GP", "by_tcp.IN", "by_pty.GP")
     async with rig.gateway(), rig.emulator():
         rig.hear_zenoh()
         await rig.until("a true position", rig.is_right)
