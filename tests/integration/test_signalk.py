@@ -1,4 +1,4 @@
-"""Signal K, the real server, on the gateway's UDP, TCP and pty: what its model of the vessel holds."""
+"""Signal K, the real server, on UDP, TCP and pty: what its model of the vessel holds."""
 
 import asyncio
 import json
