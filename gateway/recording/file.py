@@ -88,9 +88,21 @@ class RecordingFile:
         )
 
     def flush(self) -> None:
-        """Hand all messages to the operating system: from now on they outlive this process."""
+        """Hand all messages to the operating system: from now on they outlive this process.
+
+        A file that somebody has removed, or moved away, takes what is written without a word.
+        """
         self._writer.flush()
         self._whole = self._disk.written
+        if not self._is_there():
+            raise OSError(f"{self.path.name} was removed under way")
+
+    def _is_there(self) -> bool:
+        """Whether its name still leads to it."""
+        try:
+            return os.path.samestat(self.path.stat(), os.fstat(self._fd))
+        except FileNotFoundError:
+            return False
 
     def sync(self) -> None:
         """See what was flushed onto the disk: from now on it outlives a power failure."""
@@ -107,7 +119,7 @@ class RecordingFile:
         try:
             if self._whole:
                 os.ftruncate(self._fd, self._whole)
-            else:
+            elif self._is_there():
                 self.path.unlink()
         finally:
             os.close(self._fd)

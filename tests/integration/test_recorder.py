@@ -126,6 +126,33 @@ async def test_a_missing_folder_is_waited_for(
     assert back.startswith("recording: back after ")
 
 
+async def test_what_is_removed_under_way_is_said_and_recording_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Into a file without a name everything would be written, and be gone."""
+    folder = tmp_path / "card"
+    folder.mkdir()
+    feeding = Feeding(folder)
+    async with feeding.running():
+        await feeding.saved()
+        (tape,) = files(folder)
+        tape.unlink()
+        folder.rmdir()
+        await feeding.until(lambda: said(caplog))
+        folder.mkdir()
+        await feeding.saved()
+        assert feeding.recorder.status().up
+    run = RecordedRun(files(folder))
+    heard = chunks(run)
+    assert heard == list(range(heard[0], feeding.fed))
+    assert run.counts.missing > 0
+    lost, back = said(caplog)
+    assert (
+        lost == f"recording: {folder}: {tape.name} was removed under way; trying until it is back"
+    )
+    assert back.startswith("recording: back after ")
+
+
 async def test_a_full_disk_is_waited_for(
     small_disk: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
