@@ -7,7 +7,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gateway.engine import Track
-from gateway.fusion import robust, target
+from gateway.fusion import echo, robust, target
 from gateway.fusion.doubt import is_locked_out, note_refused, note_used, trusts_velocity_again
 from gateway.fusion.errors import FAMILY, ErrorDefinition
 from gateway.fusion.kalman import Linearised, innovation_covariance, normalised_square, update
@@ -16,7 +16,7 @@ from gateway.fusion.observation import Model, error_for, observe, place, settled
 from gateway.fusion.report import components_of
 from gateway.fusion.restart import forget
 from gateway.fusion.state import ATT, POS, VEL
-from gateway.messages import Fix, Innovation, UsblFix, Vec3, Verdict
+from gateway.messages import Acoustic, Fix, Innovation, UsblFix, Vec3, Verdict
 from gateway.modes import KNOWN_HEADING_SD
 from gateway.nav import strapdown
 from gateway.nav.earth import C_en, ecef_to_lla
@@ -118,10 +118,10 @@ class Filter:
             self.memory.state.P[:] = np.nan  # so that nothing is claimed until a new start
             return self._refuse(fix, "fault")
         inside = nis <= scipy.special.chdtri(len(z.residual), 1.0 - self.model.gate)
-        accepted = bool(inside or self._gate_is_open(fix))
+        accepted = bool(inside or (found is None and self._gate_is_open(fix)))
         quality = self._judge(fix, nis, len(z.residual))
         doubted_e = self.memory.state.r_e.copy() if is_locked_out(self.memory) else None
-        if accepted and found is not None:
+        if accepted and found is not None and self.knows_heading():
             self._update(found, DRIFT)
             note_used(self.memory, fix)
         elif accepted:
@@ -152,11 +152,11 @@ class Filter:
         )
 
     def _found(self, fix: Fix, track: Track) -> Linearised | None:
-        """The place that a fix gives where that, and not the heading, is lost.  # (M.140)
+        """The place that a fix gives where that, and not all of the heading, is lost.  # (M.140)
 
         Angles from a place that is far off are not linear, and the gate would refuse them.
         """
-        if self._lost_at(fix) is None or not self.knows_heading():
+        if self._lost_at(fix) is None or self._heading_variance() > GATE_MAX_HEADING_SD**2:
             return None
         return place(replace(self.model, error=DRIFT), self.memory.state, fix, track)
 
@@ -188,10 +188,20 @@ class Filter:
             self._use_with_care(z, fix, track)
         else:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
+            prior = memory.state.copy()
             self._update_along(_weakened(z, weakening), fix, track)
+            if (share := self._directness(fix, nis, len(z.residual))) < echo.CERTAIN:
+                error = self.model.error
+                memory.state = echo.mixed(prior, memory.state, share, error, self.origin_e)
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
         note_used(self.memory, fix)
+
+    def _directness(self, fix: Fix, nis: float, rows: int) -> float:
+        """Probability that a fix is what it seems: only sound comes by other ways."""
+        if not isinstance(fix, Acoustic):
+            return 1.0
+        return echo.directness(nis, rows, self.model.gate, self.model.echoes)
 
     def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update in small parts, each linearised anew; or by the place alone.  # (M.36)"""

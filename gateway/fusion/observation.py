@@ -120,6 +120,8 @@ class Model:
         (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
     gate
         Probability inside the chi-squared gate.
+    echoes
+        Share of echoes among the sound that passes it, see `gateway.fusion.echo`.
     targets
         Beacons that say nothing of our own place.
     mounts
@@ -139,6 +141,7 @@ class Model:
     targets: dict[str, Responder] = field(default_factory=dict)
     mounts: dict[str, Mount] = field(default_factory=dict)
     loose: Loose | None = None
+    echoes: float = 0.02
     robust: RobustKind = "none"
     adaptive_noise: bool = False
 

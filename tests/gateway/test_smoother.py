@@ -161,7 +161,7 @@ def test_without_process_noise_it_is_the_last_state_carried_back(definition):
 
 def test_without_process_noise_its_covariance_is_that_of_least_squares():
     """Information of all fixes, carried to the start by the transitions."""
-    engine = record(voyage(2), "additive", q=np.zeros(4))
+    engine = record(voyage(2), "additive", q=np.zeros(4), echoes=0.0)
     states = smooth(engine)
     information = np.linalg.inv(engine.knots[0].after.P)
     Phi = np.eye(len(information))
