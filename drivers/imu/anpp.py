@@ -23,7 +23,6 @@ from drivers.checksums import crc16_ccitt_false
 from drivers.codec import Codec, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
-    inertial,
     other,
     out_of_range,
     plausible,
@@ -64,8 +63,7 @@ def encode(record: Record, options: AnppOptions) -> bytes:
     """
     if isinstance(record, TimeRecord) and record.unix_s is not None:
         return _packet(UNIX_TIME, _time(record.unix_s))
-    sample = inertial(record, "anpp")
-    gyro, accel = preferred(sample, "rates")
+    sample, gyro, accel = preferred(record, "anpp", "rates")
     payload = _RAW.pack(
         *accel,
         *gyro,

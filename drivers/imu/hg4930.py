@@ -22,12 +22,11 @@ is 1.
 
 from struct import Struct
 
-import msgspec
 from msgspec import UNSET
 
 from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
-from drivers.imu.sample import Prefer, inertial, other, out_of_range, plausible, preferred
+from drivers.imu.sample import Preference, other, out_of_range, plausible, preferred
 from drivers.records import ImuRecord, Record, Rejected, Vec3
 
 ADDRESS, CONTROL, INERTIAL = 0x0E, 0x01, 0x02
@@ -46,10 +45,8 @@ _SYNCS = [bytes([ADDRESS, message]) for message in _BODIES]
 _STILL = (0,) * 6
 
 
-class Hg4930Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Hg4930Options(Preference, frozen=True):
     """Increments of every sixth message, or rates of each; the others come out as they are."""
-
-    prefer: Prefer = "increments"
 
 
 def decoder(options: Hg4930Options) -> Decoder:
@@ -86,8 +83,7 @@ def encode(record: Record, options: Hg4930Options) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    sample = inertial(record, "hg4930")
-    gyro, accel = preferred(sample, options.prefer)
+    sample, gyro, accel = preferred(record, "hg4930", options.prefer)
     status = 0 if sample.valid else IMU_FAULT
     warm = sample.temperature_c
     status_2 = 0 if warm is None else HAS_TEMPERATURE | _clipped(warm, 8) & 0xFF

@@ -19,7 +19,6 @@ D6   the same since the sample before, u64 (ns)
 
 from struct import Struct
 
-import msgspec
 from msgspec import UNSET, UnsetType
 
 from drivers.checksums import fletcher8
@@ -27,8 +26,8 @@ from drivers.codec import Codec, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
     G0,
-    Prefer,
-    inertial,
+    ZERO,
+    Preference,
     other,
     out_of_range,
     plausible,
@@ -58,13 +57,7 @@ _VECTOR = Struct(">3f")
 _GPS = Struct(">dHH")
 
 
-class MipOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What to take from packets that carry both, and what `encode` writes."""
-
-    prefer: Prefer = "increments"
-
-
-def decoder(options: MipOptions) -> Decoder:
+def decoder(options: Preference) -> Decoder:
     """Make a decoder of one unit's stream."""
     prefers_rates = options.prefer == "rates"
 
@@ -81,7 +74,7 @@ def decoder(options: MipOptions) -> Decoder:
     return SyncDecoder((SYNC,), _measure, read)
 
 
-def encode(record: Record, options: MipOptions) -> bytes:
+def encode(record: Record, options: Preference) -> bytes:
     """Write an `ImuRecord` as a packet of sensor data.
 
     Raises
@@ -89,8 +82,7 @@ def encode(record: Record, options: MipOptions) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    sample = inertial(record, "mip")
-    gyro, accel = preferred(sample, options.prefer)
+    sample, gyro, accel = preferred(record, "mip", options.prefer)
     increments = options.prefer == "increments"
     fields = b""
     if sample.t_device_s is not None:
@@ -140,7 +132,7 @@ def _sample(
         return other("sensor data without inertial", packet, t_rx_ns, line_bytes)
     warm_at = places.get(TEMPERATURE)
     warm = None if warm_at is None else _VECTOR.unpack_from(packet, warm_at)[2]
-    if not plausible(turned or _ZERO, moved or _ZERO, warm):
+    if not plausible(turned or ZERO, moved or ZERO, warm):
         return out_of_range(packet, t_rx_ns, line_bytes)
     step, over = places.get(REFERENCE_STEP), places.get(OVERRANGE)
     record = ImuRecord(
@@ -156,9 +148,6 @@ def _sample(
         temperature_c=warm,
     )
     return (record,)
-
-
-_ZERO = (0.0, 0.0, 0.0)
 
 
 def _vector(packet: bytes, at: int | None, unit: float) -> Vec3 | UnsetType:
@@ -189,7 +178,7 @@ MIP = Codec(
     name="mip",
     kind="imu",
     devices="MicroStrain 3DM-GX, -CX, -CV, -GQ (MIP sensor data)",
-    options=MipOptions,
+    options=Preference,
     decoder=decoder,
     encode=encode,
 )

@@ -3,6 +3,7 @@
 from math import pi
 from typing import Literal
 
+import msgspec
 from msgspec import UNSET
 
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected, Vec3
@@ -16,6 +17,8 @@ DEG = pi / 180
 Prefer = Literal["increments", "rates"]
 """What to take from a frame that carries both: increments miss nothing between two samples."""
 
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
 RATE_MAX = 100.0
 """Faster than any gyro here can tell (rad/s); none counts increments over more than a second, so
 the bound holds for them too (rad). Beyond it stands a wrong unit, or no number at all."""
@@ -25,6 +28,12 @@ FORCE_MAX = 2000.0
 
 TEMPERATURE_MAX = 300.0
 """And for temperature (degC), either way."""
+
+
+class Preference(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What to take from frames that carry both, and what `encode` writes."""
+
+    prefer: Prefer = "increments"
 
 
 def plausible(gyro: Vec3, accel: Vec3, temperature_c: float | None = None) -> bool:
@@ -71,13 +80,13 @@ def acceleration(record: ImuRecord, *, increment: bool) -> Vec3:
     return value
 
 
-def preferred(sample: ImuRecord, prefer: Prefer) -> tuple[Vec3, Vec3]:
-    """Rotation and acceleration to encode, both as increments or both as rates.
+def preferred(record: Record, codec: str, prefer: Prefer) -> tuple[ImuRecord, Vec3, Vec3]:
+    """A sample to encode, with its rotation and acceleration: both increments, or both rates.
 
-    Raises ValueError where the sample does not carry them.
+    Raises ValueError where the record is no sample, or does not carry them.
     """
-    increment = prefer == "increments"
-    return rotation(sample, increment=increment), acceleration(sample, increment=increment)
+    sample, increment = inertial(record, codec), prefer == "increments"
+    return sample, rotation(sample, increment=increment), acceleration(sample, increment=increment)
 
 
 _ROTATION = {True: "delta_angle_rad", False: "rate_rad_s"}

@@ -19,7 +19,6 @@ from drivers.checksums import crc16_kermit
 from drivers.codec import Codec, Counting, Decoder, NoOptions
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
-    inertial,
     other,
     out_of_range,
     plausible,
@@ -53,8 +52,7 @@ def encode(record: Record, options: NoOptions) -> bytes:
     ValueError
         If the record does not carry rate and specific force.
     """
-    sample = inertial(record, "sbg-ecom")
-    gyro, accel = preferred(sample, "rates")
+    sample, gyro, accel = preferred(record, "sbg-ecom", "rates")
     is_fast = max(map(abs, gyro)) >= 2**31 * _GYRO
     gyro_lsb = _GYRO_HIGH if is_fast else _GYRO
     body = _BODY.pack(

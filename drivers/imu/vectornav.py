@@ -23,7 +23,6 @@ from functools import lru_cache
 from struct import Struct
 from typing import NamedTuple
 
-import msgspec
 from msgspec import UNSET, UnsetType
 
 from drivers.checksums import crc16_xmodem
@@ -31,8 +30,8 @@ from drivers.codec import Codec, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
     DEG,
-    Prefer,
-    inertial,
+    ZERO,
+    Preference,
     other,
     out_of_range,
     plausible,
@@ -96,13 +95,7 @@ class Plan(NamedTuple):
     saturation: int | None
 
 
-class VectorNavOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What to take from packets that carry both, and what `encode` writes."""
-
-    prefer: Prefer = "increments"
-
-
-def decoder(options: VectorNavOptions) -> Decoder:
+def decoder(options: Preference) -> Decoder:
     """Make a decoder of one unit's stream."""
     prefers_rates = options.prefer == "rates"
 
@@ -117,7 +110,7 @@ def decoder(options: VectorNavOptions) -> Decoder:
     return SyncDecoder((SYNC,), _measure, read)
 
 
-def encode(record: Record, options: VectorNavOptions) -> bytes:
+def encode(record: Record, options: Preference) -> bytes:
     """Write an `ImuRecord` with time, increments or rates, temperature and saturation.
 
     Raises
@@ -125,8 +118,7 @@ def encode(record: Record, options: VectorNavOptions) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    sample = inertial(record, "vectornav")
-    gyro, accel = preferred(sample, options.prefer)
+    sample, gyro, accel = preferred(record, "vectornav", options.prefer)
     increments = options.prefer == "increments"
     body = round((sample.t_device_s or 0.0) * 1e9).to_bytes(8, "little")
     if increments:
@@ -196,12 +188,9 @@ def _plan(header: bytes, prefers_rates: bool) -> Plan:
     )
 
 
-_ZERO = (0.0, 0.0, 0.0)
-
-
 def _sample(packet: bytes, plan: Plan, t_rx_ns: int, line_bytes: int) -> tuple[Record | Rejected]:
     values = plan.unpack.unpack(packet)
-    gyro = accel = _ZERO
+    gyro = accel = ZERO
     interval_s: float | UnsetType = UNSET
     if plan.angle is not None:
         interval_s, x, y, z = values[plan.angle - 1 : plan.angle + 3]
@@ -237,7 +226,7 @@ VECTORNAV = Codec(
     name="vectornav",
     kind="imu",
     devices="VectorNav VN-100, -110, -200, -210, -300, -310 (binary output)",
-    options=VectorNavOptions,
+    options=Preference,
     decoder=decoder,
     encode=encode,
 )

@@ -20,14 +20,14 @@ E020   status u32: bits 8-10 accelerometers, 11-13 gyros x y z clipped
 from math import atan2, cos, hypot, sin
 from struct import Struct
 
-import msgspec
 from msgspec import UNSET, UnsetType
 
 from drivers.codec import Codec, Counting, Decoder
 from drivers.framing import SyncDecoder
 from drivers.imu.sample import (
+    ZERO,
     Prefer,
-    inertial,
+    Preference,
     other,
     out_of_range,
     plausible,
@@ -60,19 +60,12 @@ _SIZES = {
     },
 }
 """Bytes of each item that is looked at, by its id with its format."""
-_ZERO = (0.0, 0.0, 0.0)
 
 Items = dict[int, tuple[int, int]]
 """Of each kind of item: the whole id, and where its content stands."""
 
 
-class XsensOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What to take from messages that carry both, and what `encode` writes."""
-
-    prefer: Prefer = "increments"
-
-
-def decoder(options: XsensOptions) -> Decoder:
+def decoder(options: Preference) -> Decoder:
     """Make a decoder of one unit's stream."""
     order = _ORDERS[options.prefer]
 
@@ -91,7 +84,7 @@ def decoder(options: XsensOptions) -> Decoder:
     return SyncDecoder((PREAMBLE,), _measure, read)
 
 
-def encode(record: Record, options: XsensOptions) -> bytes:
+def encode(record: Record, options: Preference) -> bytes:
     """Write an `ImuRecord` as MTData2 in f32.
 
     Raises
@@ -99,8 +92,7 @@ def encode(record: Record, options: XsensOptions) -> bytes:
     ValueError
         If the record carries other quantities than the options say.
     """
-    sample = inertial(record, "xsens-mtdata2")
-    gyro, accel = preferred(sample, options.prefer)
+    sample, gyro, accel = preferred(record, "xsens-mtdata2", options.prefer)
     increments = options.prefer == "increments"
     data = b""
     if sample.sequence is not None:
@@ -186,7 +178,7 @@ def _sample(
         x, y, z = _numbers(message, items[moving], 3)
         accel = x, y, z
     warm = _numbers(message, items[TEMPERATURE], 1)[0] if TEMPERATURE in items else None
-    if not plausible(gyro or _ZERO, accel or _ZERO, warm):
+    if not plausible(gyro or ZERO, accel or ZERO, warm):
         return out_of_range(message, t_rx_ns, line_bytes)
     counter, ticks = _integer(message, items, COUNTER), _integer(message, items, TIME)
     status = _integer(message, items, STATUS)
@@ -235,7 +227,7 @@ XSENS_MTDATA2 = Codec(
     name="xsens-mtdata2",
     kind="imu",
     devices="Xsens (Movella) MTi, MTi-G, Sirius, Avior (MTData2)",
-    options=XsensOptions,
+    options=Preference,
     decoder=decoder,
     encode=encode,
     counting=Counting(sequence_modulus=2**16, time_modulus_s=2**32 * TICK_S),

@@ -11,7 +11,7 @@ import pytest
 from drivers import registry
 from drivers.codec import Decoder, NoOptions
 from drivers.framing import LineDecoder
-from drivers.imu.mip import MipOptions
+from drivers.imu.sample import Preference
 from drivers.nmea0183 import NMEA0183
 from drivers.records import DepthRecord, Record, Rejected
 from tests.drivers.streams import FRAMES
@@ -52,7 +52,7 @@ def test_any_bytes_are_a_trial() -> None:
     assert Trial.of("mip", trial_of(b"abc", cut=1)).chunks == [b"abc"]
     assert b"".join(Trial.of("mip", trial_of(bytes(500), cut=9)).chunks) == bytes(500)
     options = [Trial.of("mip", trial_of(b"", options=n)).options for n in range(3)]
-    assert options == [MipOptions(prefer=p) for p in ("increments", "rates", "increments")]
+    assert options == [Preference(prefer=p) for p in ("increments", "rates", "increments")]
 
 
 @EVERY

@@ -6,10 +6,10 @@ import pytest
 
 from drivers.codec import Codec
 from drivers.imu.anpp import ANPP
-from drivers.imu.mip import MIP, MipOptions
-from drivers.imu.sample import G0
+from drivers.imu.mip import MIP
+from drivers.imu.sample import G0, Preference
 from drivers.imu.vectornav import VECTORNAV
-from drivers.imu.xsens import XSENS_MTDATA2, XsensOptions
+from drivers.imu.xsens import XSENS_MTDATA2
 from drivers.records import ImuRecord, OtherFrame, Record, Rejected
 from tests.golden.vectors import frames, stated
 
@@ -37,7 +37,7 @@ def test_anpp_packet_of_a_unit_test() -> None:
 def test_mip_rates() -> None:
     packets = stated("mip_sensor_data")["decoded"]
     stream = b"".join(frames("mip_sensor_data"))
-    records = read(MIP, stream, MipOptions(prefer="rates"))
+    records = read(MIP, stream, Preference(prefer="rates"))
     names = [getattr(record, "name", "imu") for record in records]
     alone = "sensor data without inertial"
     assert names == ["imu", "imu", alone, "imu", alone, "set 82"]
@@ -65,7 +65,7 @@ def test_mip_increments_where_there_are_some() -> None:
 def test_xsens_messages() -> None:
     """All four number formats, clipping, messages without inertial data, replies to commands."""
     stream = b"".join(frames("xsens_mti300_mtdata2"))
-    records = read(XSENS_MTDATA2, stream, XsensOptions(prefer="rates"))
+    records = read(XSENS_MTDATA2, stream, Preference(prefer="rates"))
     samples = 0
     for record, said in zip(records, stated("xsens_mti300_mtdata2")["decoded"], strict=True):
         if "mid" in said:
