@@ -6,6 +6,7 @@ import signal
 import time
 from contextlib import AsyncExitStack
 
+from drivers import hosttime
 from drivers.links import Chunk, open_link
 from drivers.links.pps import edges
 from drivers.settings import StdioLink
@@ -181,18 +182,18 @@ class _Daemon:
         if self._recorder is not None:
             self._recorder.raw(line.name, chunk.data, t_rx_ns, chunk.source)
         line.intake.feed(chunk.data, t_rx_ns, chunk.source)
-        decoded_ns = time.monotonic_ns()
+        decoded_ns = hosttime.now_ns()
         passage.decoded(line.name, t_rx_ns, decoded_ns)
         for measurement in line.intake.flush():
             self._host.send(measurement)
-            sent_ns = time.monotonic_ns()
+            sent_ns = hosttime.now_ns()
             passage.handed_on(line.name, decoded_ns, sent_ns)
             if isinstance(measurement, ImuBlock):
                 passage.entered(measurement.t_last_ns, t_rx_ns, sent_ns)
 
     def _on_output(self, output: FilterOutput) -> None:
         """Hand on what the filter says, in the words of the edge."""
-        now_ns = time.monotonic_ns()
+        now_ns = hosttime.now_ns()
         offset_ns = self._utc.at(output.t_ns)
         if isinstance(output, NavSolution):
             passage = self._health.passage
@@ -200,7 +201,7 @@ class _Daemon:
             nav = nav_report(output, offset_ns)
             for feed in self._feeds:
                 if feed.nav(nav):
-                    passage.published(feed.name, time.monotonic_ns())
+                    passage.published(feed.name, hosttime.now_ns())
             for followed in self._targets.due(output.t_ns):
                 target = target_report(followed, nav)
                 for feed in self._feeds:
@@ -235,10 +236,10 @@ class _Daemon:
             self._recorder.resume(Resume(state, clocks))
 
     def _sample_utc(self) -> None:
-        """See how Unix time stands to monotonic time; a recording keeps it for its replays."""
-        now_ns = time.monotonic_ns()
+        """See how Unix time stands to the host's own; a recording keeps it for its replays."""
+        now_ns = hosttime.now_ns()
         sample = self._utc.sample(now_ns, time.time_ns() - now_ns)
-        self._health.host_clock.sampled(now_ns, sample.offset_ns)
+        self._health.host_clock.sampled(now_ns, sample.offset_ns, now_ns - time.monotonic_ns())
         if self._recorder is not None:
             self._recorder.utc(sample)
 

@@ -5,13 +5,13 @@ import errno
 import fcntl
 import os
 import termios
-import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 from serial import Serial
 from serial.rs485 import RS485Settings
 
+from drivers.hosttime import now_ns
 from drivers.links.base import Chunk, Link, LinkCounts, LinkError, Take, reason
 from drivers.links.holder import holder, process_name
 from drivers.settings import Rs485, SerialLink
@@ -46,7 +46,7 @@ async def open_serial(settings: SerialLink, take: Take, counts: LinkCounts) -> A
 
 def _reader(fd: int, link: Link) -> Callable[[], None]:
     def read() -> None:
-        t_rx_ns = time.monotonic_ns()
+        t_rx_ns = now_ns()
         try:
             data = os.read(fd, READ_BYTES)
         except BlockingIOError:

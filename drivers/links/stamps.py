@@ -1,4 +1,4 @@
-"""Receive stamps of the kernel, turned from wall time to CLOCK_MONOTONIC whatever steps the former.
+"""Receive stamps of the kernel, turned from wall time to the host's own, whatever steps the former.
 
 The kernel stamps by the wall clock, which NTP or a person may set in between. The offset between
 the two clocks is read with every stamp; for a while after it leapt, a stamp may be of either side.
@@ -9,6 +9,8 @@ import struct
 import sys
 import time
 from collections.abc import Iterable
+
+from drivers.hosttime import now_ns
 
 # Linux numbers; Python 3.11 has no names for them. The control messages carry the same numbers.
 SO_TIMESTAMPNS = 35
@@ -48,7 +50,7 @@ class MonotonicStamps:
 
     def emptied(self) -> None:
         """Note that nothing waits in the socket: what comes next is no older than this."""
-        self._empty_at = time.monotonic_ns()
+        self._empty_at = now_ns()
 
     def of(self, ancillary: Ancillary) -> int:
         """Receive time by the control messages of one `recvmsg`; without a stamp, now."""
@@ -56,7 +58,7 @@ class MonotonicStamps:
             if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESPEC.unpack(data)
                 return self.of_wall(seconds * 1_000_000_000 + nanoseconds)
-        return time.monotonic_ns()
+        return now_ns()
 
     def of_wall(self, stamp_ns: int) -> int:
         """The same for a stamp of the wall clock (Unix ns).
@@ -89,9 +91,9 @@ def dropped_so_far(ancillary: Ancillary) -> int | None:
 def _read_clocks() -> tuple[int, int]:
     """Monotonic time and what wall time is ahead of it (ns), read at one moment."""
     for _ in range(3):
-        before = time.monotonic_ns()
+        before = now_ns()
         wall = time.time_ns()
-        after = time.monotonic_ns()
+        after = now_ns()
         if after - before < QUICK_NS:
             break
     return after, wall - (before + after) // 2

@@ -3,7 +3,6 @@
 import os
 import stat
 import sys
-import time
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -16,6 +15,7 @@ from msgspec import Struct, inspect
 
 from drivers import registry
 from drivers.codec import Codec
+from drivers.hosttime import now_ns
 from drivers.links.base import Chunk, reason
 from drivers.records import Record, Rejected, to_json
 from drivers.senders import SenderCounts, Senders
@@ -128,7 +128,7 @@ def _arrivals(file: str, *, as_hex: bool) -> Iterator[tuple[bytes, int]]:
         at_rest = stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
         chunks = iter(lambda: stream.read(CHUNK), b"")
         for data in _from_hex(chunks, name) if as_hex else chunks:
-            yield data, 0 if at_rest else time.monotonic_ns()
+            yield data, 0 if at_rest else now_ns()
 
 
 def _from_hex(chunks: Iterable[bytes], name: str) -> Iterator[bytes]:

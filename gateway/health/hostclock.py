@@ -1,4 +1,4 @@
-"""Whether the host's clock can be right, and when somebody sets it."""
+"""Whether the host's clock can be right, when somebody sets it, and that it slept."""
 
 import logging
 from datetime import UTC, datetime, timedelta
@@ -14,10 +14,11 @@ _log = logging.getLogger(__name__)
 
 
 class HostClock:
-    """Looks at Unix time over monotonic time; nothing but the stamps of what is sent goes by it."""
+    """Looks at Unix time over the host's own; nothing but the stamps of what is sent goes by it."""
 
     def __init__(self) -> None:
         self._offset_ns: int | None = None
+        self._asleep_ns: int | None = None
         self._said = ""
 
     @property
@@ -25,8 +26,19 @@ class HostClock:
         """That it was never set, as long as that is so."""
         return [Doubt("host", self._said)] if self._said else []
 
-    def sampled(self, now_ns: int, offset_ns: int) -> None:
-        """Take Unix minus monotonic time (ns) at a monotonic moment; what changes is said once."""
+    def sampled(self, now_ns: int, offset_ns: int, asleep_ns: int = 0) -> None:
+        """Look once more; what changes is said once.
+
+        Parameters
+        ----------
+        now_ns, offset_ns
+            The host's own time, and what Unix time is ahead of it.
+        asleep_ns
+            How long the host has slept since it was started.
+        """
+        if self._asleep_ns is not None and asleep_ns - self._asleep_ns > SET_NS:
+            _log.warning("host: it slept for %s", _span(asleep_ns - self._asleep_ns))
+        self._asleep_ns = asleep_ns
         before, self._offset_ns = self._offset_ns, offset_ns
         if before is not None and abs(offset_ns - before) > SET_NS:
             way = "forward" if offset_ns > before else "back"

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import msgspec
 
+from drivers.hosttime import now_ns
+
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 HARDWARE_CLOCKS = Path("/sys/class/rtc")
 AGREE_S = 5.0
@@ -39,7 +41,7 @@ def now(boot_id: Path = BOOT_ID, hardware: Path = HARDWARE_CLOCKS) -> Moment:
     """The present moment."""
     utc_ns = time.time_ns()
     is_sure = any(abs(utc_ns * 1e-9 - t_s) < AGREE_S for t_s in _told(hardware))
-    return Moment(_boot(boot_id), time.monotonic_ns(), utc_ns, is_sure)
+    return Moment(_boot(boot_id), now_ns(), utc_ns, is_sure)
 
 
 def unbelievable(earlier: Moment, at: Moment) -> str | None:

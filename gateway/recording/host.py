@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from drivers.hosttime import now_ns
 from gateway.clock.utc import UtcSample
 from gateway.config import Config, Recording
 from gateway.filter_process.channel import MAX_MESSAGE
@@ -137,7 +138,7 @@ class Recorder:
 
     def line(self, device: str, up: bool) -> None:
         """Take note of a line that was opened or lost."""
-        self._add(LineEvent(device, time.monotonic_ns(), up), 0)
+        self._add(LineEvent(device, now_ns(), up), 0)
 
     def utc(self, sample: UtcSample) -> None:
         """Take a sample of Unix time."""

@@ -5,12 +5,12 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from drivers.hosttime import now_ns
 from drivers.links import Chunk, LinkCounts, LinkError
 from drivers.links.tcp import open_tcp
 from drivers.settings import TcpLink
@@ -156,10 +156,10 @@ async def test_stamp_and_source(server: socket.socket) -> None:
     settings = settings_of(server)
     async with hearing(settings) as link:
         connection = await accept(server)
-        before = time.monotonic_ns()
+        before = now_ns()
         connection.sendall(b"x")
         chunk: Chunk = await anext(link)
-        after = time.monotonic_ns()
+        after = now_ns()
         connection.close()
     assert chunk.source == f"127.0.0.1:{settings.port}"
     assert before - 100_000 <= chunk.t_rx_ns <= after

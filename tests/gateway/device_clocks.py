@@ -131,7 +131,7 @@ def feed(
 ) -> None:
     """Datagrams of one to twenty frames, stamped by a kernel and read up to 10 ms later."""
     ready_s = np.maximum.accumulate(ready_s)
-    with patch.object(stamps, "time", wall):
+    with patch.object(stamps, "time", wall), patch.object(stamps, "now_ns", wall.monotonic_ns):
         wall.now_ns = round(T0_S * 1e9)
         socket = stamps.MonotonicStamps()
         for first, last in spans(rng, ready_s):

@@ -43,6 +43,12 @@ def test_every_step_is_said(clock: HostClock, caplog: pytest.LogCaptureFixture) 
     assert said(caplog) == ["host: its clock was set back by 2.5 s"]
 
 
+def test_a_host_that_slept_says_so(clock: HostClock, caplog: pytest.LogCaptureFixture) -> None:
+    for n, asleep_s in enumerate((500, 500, 4100, 4100)):
+        clock.sampled((n + asleep_s) * S, NOVEMBER_2026, asleep_s * S)
+    assert said(caplog) == ["host: it slept for 1:00:00"]
+
+
 def test_one_that_was_never_set_is_doubted_until_it_is(
     clock: HostClock, caplog: pytest.LogCaptureFixture
 ) -> None:

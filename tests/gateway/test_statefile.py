@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from drivers.hosttime import now_ns
 from drivers.links.holder import process_name
 from gateway import statefile
 from gateway.clock import ClockMemory, Clocks, DeviceClock, aged
@@ -230,7 +231,7 @@ def keeper(path: Path, config: Config) -> Iterator[Keeper]:
 
 
 def test_what_is_kept_is_what_is_taken_up(config: Config, path: Path) -> None:
-    now = time.monotonic_ns()
+    now = now_ns()
     with keeper(path, config) as running:
         for n in range(50):
             running.keep(msgspec.structs.replace(STATE, t_ns=now - 50 + n), clocks())
@@ -256,7 +257,7 @@ def full_disk() -> Iterator[None]:
 def test_a_full_disk_is_said_once_and_so_is_its_end(
     config: Config, path: Path, said: Callable[[], list[str]]
 ) -> None:
-    now = time.monotonic_ns()
+    now = now_ns()
     with keeper(path, config) as running:
         running.keep(msgspec.structs.replace(STATE, t_ns=now), {})
         until(lambda: running.status.written == 1)

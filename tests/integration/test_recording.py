@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.hosttime import now_ns
 from gateway.outputs.files import seconds
 from gateway.recording.events import Raw, Report
 from gateway.recording.reader import RecordedRun
@@ -92,7 +93,7 @@ async def test_of_a_run_that_is_killed_a_second_is_lost_at_most(tmp_path: Path) 
         seen = len(rig.epochs)
         await rig.until("half a second more", lambda: len(rig.epochs) > seen + 5)
         os.killpg(rig.process.pid, signal.SIGKILL)
-        killed_ns = time.monotonic_ns()
+        killed_ns = now_ns()
     run = taped.run()
     events = list(run.events())
     assert killed_ns - max(e.t_rx_ns for e in events if isinstance(e, Raw)) < 1_000_000_000
