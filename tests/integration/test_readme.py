@@ -78,7 +78,8 @@ def test_commands_about_what_a_run_leaves(clone: Path) -> None:
         run("usblnav emulate --duration 20", clone)
     for page in ("docs/calibration.md", "docs/recording.md", "docs/report.md"):
         for command in commands(page):
-            run(command, clone)
+            if command.startswith("usblnav"):  # the rest are how to run other tests
+                run(command, clone)
     pages = (clone / "out" / "report.html", clone / "sea-trial.html")
     assert all("navigation report" in page.read_text() for page in pages)
     again, live = ((clone / name / "nav.csv").read_bytes() for name in ("again", "live"))
