@@ -13,6 +13,7 @@ import msgspec
 from gateway.demo.stage import Stage
 from gateway.emulator.truth import TruthFile
 from gateway.errors import UsblnavError
+from gateway.nav.attitude import turn
 from gateway.nav.earth import north_east
 from gateway.outputs.schema import NavReport
 from gateway.outputs.zenoh import at, open_subscription
@@ -103,7 +104,7 @@ class Viewer:
                 nav,
                 north,
                 east,
-                (nav.heading_deg - truth.heading_deg + 180.0) % 360.0 - 180.0,
+                turn(nav.heading_deg - truth.heading_deg, 360.0),
             )
         )
         while self.samples[0].nav.t_s < nav.t_s - 2.0 * SCORED_S:

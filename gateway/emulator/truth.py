@@ -6,6 +6,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 
 from gateway.emulator.trajectory import Trajectory
+from gateway.nav.attitude import turn
 
 _ROW = "{:.6f},{:.12f},{:.12f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}\n"
 _BLOCK_S = 1.0
@@ -73,7 +74,7 @@ class TruthFile:
         k = max(1, int(np.searchsorted(table[:, 0], t_s)))
         before, after = table[k - 1], table[k]
         step = after - before
-        step[-1] = (step[-1] + 180.0) % 360.0 - 180.0
+        step[-1] = turn(step[-1], 360.0)
         row = before + step * (t_s - before[0]) / (after[0] - before[0])
         row[-1] %= 360.0
         return TruthRow(*row.tolist())

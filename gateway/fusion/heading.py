@@ -10,6 +10,7 @@ from gateway.fusion.axes import course
 from gateway.fusion.kalman import Linearised
 from gateway.fusion.kinematics import C_ne
 from gateway.fusion.state import ATT, N_FULL, State
+from gateway.nav.attitude import turn
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ def linearise(state: State, C_bs: Array, heading: float, sigma: float) -> Linear
     H[0, ATT] = ahead.by_attitude
     residual = ahead.heading - heading
     return Linearised(
-        np.array([(residual + np.pi) % (2.0 * np.pi) - np.pi]),
+        np.array([turn(residual)]),
         np.ascontiguousarray(H[:, state.columns]),
         np.array([[sigma**2]]),
         ("heading_deg",),

@@ -12,13 +12,13 @@ from msgspec import UNSET, UnsetType
 
 from drivers.records import DepthRecord, DvlRecord, HeadingRecord, Record, Rejected
 from gateway.config import DepthDevice, DvlDevice, HeadingDevice
-from gateway.ingest.device import DeviceIngest
+from gateway.ingest.device import FixIngest
 from gateway.messages import BottomVelocity, Depth, HeadingFix, Measurement
 
 R = TypeVar("R", DepthRecord, DvlRecord, HeadingRecord)
 
 
-class AidingIngest(DeviceIngest, Generic[R]):
+class AidingIngest(FixIngest, Generic[R]):
     """Records of one kind to fixes.
 
     Parameters
@@ -39,7 +39,6 @@ class AidingIngest(DeviceIngest, Generic[R]):
         self._kind = device.kind
         self._wanted: type[R] = wanted
         self._fix: Callable[[R, int], Measurement | str] = fix
-        self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
         """Take the next record; one that makes no fix counts."""
@@ -53,12 +52,6 @@ class AidingIngest(DeviceIngest, Generic[R]):
             self.counts.ignored[fix] += 1
         else:
             self._fixes.append(fix)
-
-    def flush(self) -> list[Measurement]:
-        """The fixes since the last call."""
-        fixes, self._fixes = self._fixes, []
-        self.counts.measurements += len(fixes)
-        return fixes
 
 
 def depth_ingest(name: str, device: DepthDevice) -> AidingIngest[DepthRecord]:

@@ -11,6 +11,7 @@ from drivers.settings import SerialLink
 from gateway.clock import ClockMemory, ClockReport, DeviceClock
 from gateway.clock.pulse import DAY_MS, PulsedClock
 from gateway.config import Device
+from gateway.messages import Measurement
 
 NO_PAUSE_NS = 20_000_000
 """Bytes that follow within this follow at once, as far as stamps can tell."""
@@ -114,3 +115,17 @@ class DeviceIngest:
             self._untimed += 1
             return t_arrival_ns
         return self._day.take(round(1e3 * t_device_s), t_arrival_ns).t_ns
+
+
+class FixIngest(DeviceIngest):
+    """Fixes of a device, each a measurement of its own moment."""
+
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
+        self._fixes: list[Measurement] = []
+
+    def flush(self) -> list[Measurement]:
+        """The fixes since the last call."""
+        fixes, self._fixes = self._fixes, []
+        self.counts.measurements += len(fixes)
+        return fixes

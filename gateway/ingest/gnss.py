@@ -6,8 +6,8 @@ from msgspec import UNSET
 
 from drivers.records import GnssRecord, Measured, Record, Rejected, TimeRecord
 from gateway.config import GnssDevice
-from gateway.ingest.device import DeviceIngest
-from gateway.messages import Measurement, PositionFix, Vec3, VelocityFix
+from gateway.ingest.device import FixIngest
+from gateway.messages import PositionFix, Vec3, VelocityFix
 
 EPOCH_NS = 1_000_000_000
 """Sentences of the same second of the day are of one epoch if they come within this."""
@@ -16,7 +16,7 @@ BURST_NS = 50_000_000
 DAY_MS = 86_400_000
 
 
-class GnssIngest(DeviceIngest):
+class GnssIngest(FixIngest):
     """Positions of GGA or GNS, velocities of RMC or VTG: of each pair the one heard first.
 
     All sentences of an epoch hold for the moment of the first one: the others only wait for the
@@ -32,7 +32,6 @@ class GnssIngest(DeviceIngest):
         self._epoch_ms: int | None = None
         self._epoch_ns = self._first_ns = self._last_ns = 0
         self._sources: dict[str, str | None] = {}
-        self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
         """Take the next record; one that is invalid or neither position nor velocity counts."""
@@ -55,12 +54,6 @@ class GnssIngest(DeviceIngest):
             self._take_position(record, t_ns)
         else:
             self._take_velocity(record, t_ns)
-
-    def flush(self) -> list[Measurement]:
-        """The fixes since the last call."""
-        fixes, self._fixes = self._fixes, []
-        self.counts.measurements += len(fixes)
-        return fixes
 
     def _of_epoch_ns(self, record: Measured, t_device_s: float | None) -> int:
         """When the record's epoch was, by the first sentence that told of it."""

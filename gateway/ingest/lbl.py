@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from drivers.records import LblRecord, LblReply, Record, Rejected
 from gateway.config import Config, LblDevice
-from gateway.ingest.device import DeviceIngest
-from gateway.messages import BeaconRange, Measurement, RadialRate
+from gateway.ingest.device import FixIngest
+from gateway.messages import BeaconRange, RadialRate
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Sea:
         )
 
 
-class LblIngest(DeviceIngest):
+class LblIngest(FixIngest):
     """Replies to ranges.
 
     The sentence comes when the last transponder has answered, so that reply is as old as the
@@ -44,7 +44,6 @@ class LblIngest(DeviceIngest):
         self._name = name
         self._sea = sea
         self._asked = frozenset(device.beacons or sea.turnaround_s)
-        self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
         """Take the next record; what makes no range counts."""
@@ -58,12 +57,6 @@ class LblIngest(DeviceIngest):
             self.counts.ignored["incomplete"] += 1
         else:
             self._take_replies(record)
-
-    def flush(self) -> list[Measurement]:
-        """The ranges since the last call."""
-        fixes, self._fixes = self._fixes, []
-        self.counts.measurements += len(fixes)
-        return fixes
 
     def _knows_the_ping(self, record: LblRecord) -> bool:
         """By the instrument's clock, or because nobody was waited for in vain."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from drivers.records import Record, Rejected, TimeDifference, UsblRecord
 from gateway.config import UsblDevice
 from gateway.fusion.direction_cosines import direction, in_range
-from gateway.ingest.device import DeviceIngest
-from gateway.messages import BeaconPlace, Measurement, RadialRate, UsblFix
+from gateway.ingest.device import FixIngest
+from gateway.messages import BeaconPlace, RadialRate, UsblFix
 
 AGAIN_NS = 300_000_000
 """A fix of the same beacon in other words within this is the same fix."""
@@ -20,7 +20,7 @@ Angles = tuple[float | None, float | None]
 """Elevation and bearing (rad)."""
 
 
-class UsblIngest(DeviceIngest):
+class UsblIngest(FixIngest):
     """Acoustic records to fixes at the moment the reply reached the array.
 
     A radial rate is a measurement of its own: it stands where the fix beside it is not valid. Of an
@@ -38,7 +38,6 @@ class UsblIngest(DeviceIngest):
         self._limits = device.range_limits_m or (0.0, math.inf)
         self._elements = {str(k): np.array(at) for k, at in enumerate(device.elements_m, 1)}
         self._said: dict[str, tuple[str, int]] = {}
-        self._fixes: list[Measurement] = []
 
     def take(self, record: Record | Rejected) -> None:
         """Take the next record; one that is invalid or no sighting from the array only counts."""
@@ -57,12 +56,6 @@ class UsblIngest(DeviceIngest):
             self._fixes.append(
                 RadialRate(t_ns, self._name, record.beacon, (record.range_rate_m_s,))
             )
-
-    def flush(self) -> list[Measurement]:
-        """The fixes since the last call."""
-        fixes, self._fixes = self._fixes, []
-        self.counts.measurements += len(fixes)
-        return fixes
 
     def _fix(self, record: UsblRecord, t_ns: int) -> UsblFix | BeaconPlace | str | None:
         """One fix at its time of validity, or why there is none; None where a rate is all."""

@@ -1,11 +1,21 @@
 """Euler angles and rotation matrices: ``C_nb = Rz(heading) Ry(pitch) Rx(roll)``, all in rad."""
 
+import math
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
 GIMBAL_LOCK = 1e-12
+
+T = TypeVar("T", float, Array)
+
+
+def turn(angle: T, full: float = 2.0 * math.pi) -> T:
+    """The short way round to an angle, from minus half a turn up to half; a full one is 2 pi."""
+    return (angle + 0.5 * full) % full - 0.5 * full
 
 
 def C_from_euler(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> Array:

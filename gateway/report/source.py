@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gateway.config import Config, load
 from gateway.emulator.truth import TruthRow
 from gateway.errors import ConfigError
+from gateway.nav.attitude import turn
 from gateway.nav.earth import north_east
 from gateway.outputs.files import NAV_DECIMALS
 
@@ -240,7 +241,7 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
     lat, lon = np.radians(nav["lat_deg"][inside]), np.radians(nav["lon_deg"][inside])
     true_place = np.radians(at["lat_deg"]), np.radians(at["lon_deg"])
     north, east = north_east(lat, lon, *true_place, at["height_m"])
-    turn = nav["heading_deg"][inside] - np.interp(t_s, true["t_s"], heading)
+    off_deg = nav["heading_deg"][inside] - np.interp(t_s, true["t_s"], heading)
     sigmas = {
         "north_m": "sd_n_m",
         "east_m": "sd_e_m",
@@ -252,7 +253,7 @@ def _errors(nav: Navigation, truth: Path) -> Errors:
         north_m=north,
         east_m=east,
         down_m=at["height_m"] - nav["height_m"][inside],
-        heading_deg=(turn + 180.0) % 360.0 - 180.0,
+        heading_deg=turn(off_deg, 360.0),
         sigma={name: nav[column][inside] for name, column in sigmas.items()},
     )
 

@@ -15,7 +15,7 @@ from gateway.emulator.sensors import ImuErrorSource
 from gateway.emulator.streams import generator
 from gateway.fusion.state import N_FULL
 from gateway.messages import Fix, UsblFix
-from gateway.nav.attitude import C_from_euler, euler_from_C
+from gateway.nav.attitude import C_from_euler, euler_from_C, turn
 from gateway.nav.earth import ecef_to_lla
 from gateway.studies.voyage import Times, Voyage
 
@@ -138,7 +138,7 @@ def _sentences(voyage: Voyage, acoustic: AcousticErrors, noise: Array) -> list[U
     x, y, z = (replies.direction_u @ turned.T).T
     elevation = np.arctan2(-z, np.hypot(x, y)) + acoustic.elevation + noise[:, 0]
     bearing = np.arctan2(y, x) + acoustic.bearing + noise[:, 1]
-    bearing = (bearing + np.pi) % (2.0 * np.pi) - np.pi
+    bearing = turn(bearing)
     slant_range = replies.slant_range * (1.0 + acoustic.range_scale) + noise[:, 2]
     columns = (replies.t_ns, replies.beacon, elevation, bearing, slant_range)
     return [

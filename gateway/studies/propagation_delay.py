@@ -24,8 +24,8 @@ from gateway.nav.earth import ecef_to_lla
 from gateway.studies import errors, statistics, voyage
 from gateway.studies.errors import Measured
 from gateway.studies.montecarlo import Workers
-from gateway.studies.passage import EAST, NORTH, Passage, configured, sail, smoothed
-from gateway.studies.statistics import Interval
+from gateway.studies.passage import Passage, configured, sail, smoothed
+from gateway.studies.statistics import Interval, horizontal_square
 from gateway.studies.table import Row, Study
 from gateway.studies.voyage import EPOCH_S, Times, Voyage
 
@@ -191,7 +191,7 @@ def figure(runs: Sequence[Run]) -> "Figure":
         ("uncompensated", "C3", "published: over 30 m", [r.uncompensated for r in runs]),
         ("compensated", "C0", "published: within 10 m", [r.compensated for r in runs]),
     ):
-        squares = np.array([_square(p) for p in passages])
+        squares = np.array([horizontal_square(p) for p in passages])
         t = EPOCH_S * np.arange(squares.shape[1])
         rms, largest = np.sqrt(squares.mean(axis=0)), np.sqrt(squares.max(axis=0))
         axes.plot(t, rms, colour, label=f"{label}, RMS of {len(runs)} runs")
@@ -231,17 +231,11 @@ def _depths(of: Voyage, seed: int) -> list[Fix]:
     ]
 
 
-def _square(passage: Passage) -> Array:
-    """(m,) squared horizontal error."""
-    square: Array = np.sum(passage.error_n[:, [NORTH, EAST]] ** 2, axis=1)
-    return square
-
-
 def _rms(passages: Sequence[Passage]) -> Interval:
     return statistics.rms(statistics.horizontal(passages, SETTLED))
 
 
 def _largest(passages: Sequence[Passage]) -> Interval:
     """The largest horizontal error of all runs, bounds by resampling the runs."""
-    per_run = np.sqrt([_square(p)[SETTLED:].max() for p in passages])
+    per_run = np.sqrt([horizontal_square(p)[SETTLED:].max() for p in passages])
     return Interval(float(per_run.max()), *statistics.resampled(per_run, lambda s: s.max(axis=-1)))

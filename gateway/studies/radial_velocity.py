@@ -26,8 +26,8 @@ from gateway.nav.earth import lla_to_ecef
 from gateway.studies import errors, statistics, voyage
 from gateway.studies.errors import Measured
 from gateway.studies.montecarlo import Workers
-from gateway.studies.passage import EAST, NORTH, Passage, configured, sail, smoothed
-from gateway.studies.statistics import Interval
+from gateway.studies.passage import Passage, configured, sail, smoothed
+from gateway.studies.statistics import Interval, horizontal_square
 from gateway.studies.table import Row, Study
 from gateway.studies.voyage import EPOCH_S, Replies, Voyage
 
@@ -148,7 +148,7 @@ def figure(one_beacon: Sequence[Run], two_beacons: Sequence[Run]) -> "Figure":
             ("with radial velocity", "-", [r.with_rates for r in runs]),
             ("with radial velocity, smoothed", ":", [r.smoothed_with_rates for r in runs]),
         ):
-            rms = np.sqrt(np.mean([_square(p) for p in passages], axis=0))
+            rms = np.sqrt(np.mean([horizontal_square(p) for p in passages], axis=0))
             t = EPOCH_S * np.arange(len(rms))
             axes.plot(t, rms, line, color=colour, label=f"{beacons}, {label}")
     axes.axvspan(*OUTAGE_S, color="k", alpha=0.07, label="no valid fix")
@@ -184,20 +184,16 @@ def _place(beacon: Beacon) -> Array:
     return lla_to_ecef(np.radians(beacon.lat_deg), np.radians(beacon.lon_deg), beacon.height_m)
 
 
-def _square(passage: Passage) -> Array:
-    """(m,) squared horizontal error."""
-    square: Array = np.sum(passage.error_n[:, [NORTH, EAST]] ** 2, axis=1)
-    return square
-
-
 def _end(passages: Sequence[Passage]) -> Interval:
     """RMS horizontal error at the end of the outage."""
-    return statistics.rms(np.array([_square(p)[_END] for p in passages]))
+    return statistics.rms(np.array([horizontal_square(p)[_END] for p in passages]))
 
 
 def _cut(runs: Sequence[Run]) -> Interval:
     """What part of the error at the end of the outage the rates take away (%)."""
-    pairs = np.array([[_square(r.without)[_END], _square(r.with_rates)[_END]] for r in runs])
+    pairs = np.array(
+        [[horizontal_square(r.without)[_END], horizontal_square(r.with_rates)[_END]] for r in runs]
+    )
 
     def cut(sample: Array) -> Array:
         mean: Array = sample.mean(axis=-2)
@@ -225,7 +221,7 @@ def _looking_back(case: str, runs: Sequence[Run]) -> list[Row]:
 
 def _outage(passages: Sequence[Passage]) -> Interval:
     """RMS horizontal error over the outage."""
-    return statistics.rms(np.array([_square(p)[_OUTAGE].mean() for p in passages]))
+    return statistics.rms(np.array([horizontal_square(p)[_OUTAGE].mean() for p in passages]))
 
 
 def _consistency(case: str, passages: Sequence[Passage]) -> list[Row]:

@@ -55,6 +55,11 @@ def horizontal(passages: Sequence[Passage], begin: int) -> Array:
     return mean_square(passages, NORTH, begin) + mean_square(passages, EAST, begin)
 
 
+def horizontal_square(passage: Passage) -> Array:
+    """(m,) squared horizontal error of one run at each epoch."""
+    return np.asarray(np.sum(passage.error_n[:, [NORTH, EAST]] ** 2, axis=1))
+
+
 def nees(passages: Sequence[Passage], begin: int) -> Interval:
     """Mean NEES of a degree of freedom, between the chi-squared bounds of a consistent filter.
 
