@@ -9,7 +9,7 @@ from typing import NamedTuple
 from gateway.config import DeviceKind
 from gateway.health.doubts import Doubt
 from gateway.health.freed import Freed
-from gateway.ingest import Intake
+from gateway.ingest import Ingest, Intake
 from gateway.ingest.imu import ImuIngest
 from gateway.messages import Innovation
 
@@ -39,6 +39,9 @@ _HINTS: dict[DeviceKind, str] = {
     "dvl": "mounting, scale, bottom lock",
     "heading": "mounting, true or magnetic",
 }
+
+_STEADY: tuple[DeviceKind, ...] = ("imu", "gnss", "depth", "heading")
+"""Speak of what they are there for all the time; an acoustic device has much else to say."""
 
 _log = logging.getLogger(__name__)
 
@@ -136,15 +139,33 @@ class Plausibility:
         if nothing or rejected or records:
             wrong = nothing or rejected > REJECTED_SHARE * came
             lost = came if nothing else min(rejected, came)
-            text = (
-                f"{lost} of {came} bytes make no frame of {intake.codec}:"
-                " its codec, options or baud rate?"
-            )
-            yield _Finding(intake.name, "format", text if wrong else "")
+            text = f"{lost} of {came} bytes make no frame of {intake.codec}"
+            text = f"{text}{self._hint_of_format(intake)}" if wrong else ""
+            yield _Finding(intake.name, "format", text)
         for name, ingest in intake.ingests.items():
+            yield from self._of_kind(name, ingest)
             if isinstance(ingest, ImuIngest):
                 samples = self._more(name, "samples", ingest.counts.measurements)
                 yield from self._of_imu(name, ingest, samples / span_s)
+
+    def _hint_of_format(self, intake: Intake) -> str:
+        """Whose bytes they may be that come on a line."""
+        for other in self._intakes:
+            if other.codec != intake.codec and other.reads(intake.newest):
+                return f", but of {other.codec}, as {other.name} is said to speak: cables swapped?"
+        return ": its codec, options or baud rate?"
+
+    def _of_kind(self, name: str, ingest: Ingest) -> Iterator[_Finding]:
+        """Sentences that can be read, none of which is of the kind of their device."""
+        kind = self._kinds[name]
+        if kind not in _STEADY:
+            return
+        counts = ingest.counts
+        strange = self._more(name, "strange", counts.ignored[f"not_{kind}"])
+        own = self._more(name, "own", counts.records - counts.ignored[f"not_{kind}"])
+        if strange or own:
+            text = f"{strange} sentences came, and none of a {kind} device: another one's cable?"
+            yield _Finding(name, "kind", "" if own else text)
 
     def _more(self, of: str, what: str, total: int) -> int:
         """By how much a running total has grown since the last window."""

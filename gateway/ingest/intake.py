@@ -48,6 +48,7 @@ _RECORDS: dict[DeviceKind, tuple[type, ...]] = {
     "dvl": (DvlRecord,),
     "heading": (HeadingRecord,),
 }
+NEWEST_BYTES = 1024
 
 
 class Ingest(Protocol):
@@ -102,13 +103,16 @@ class Intake:
         By device.
     senders
         Who speaks on the line.
+    newest
+        Bytes of the line, to see whose they are.
     """
 
     def __init__(self, devices: Mapping[str, Device], sea: Sea | None = None) -> None:
         self.name, first = next(iter(devices.items()))
         codec, options = wire_format(first)
         self.codec = codec.name
-        self.senders = Senders(partial(codec.decoder, options))
+        self._make_decoder = partial(codec.decoder, options)
+        self.senders = Senders(self._make_decoder)
         self.kinds: dict[str, DeviceKind] = {n: device.kind for n, device in devices.items()}
         self.ingests = {n: _ingest(n, device, sea or Sea()) for n, device in devices.items()}
         self._first = self.ingests[self.name]
@@ -118,6 +122,7 @@ class Intake:
             for kind in _RECORDS[self.kinds[name]]
         }
         self._measured: list[Measurement] = []
+        self.newest = b""
 
     @property
     def counts(self) -> DeviceCounts:
@@ -127,6 +132,7 @@ class Intake:
     def feed(self, data: bytes, t_rx_ns: int, source: str = "") -> None:
         """Take one chunk with its receive stamp, and who sent it."""
         self._first.counts.bytes += len(data)
+        self.newest = (self.newest + data)[-NEWEST_BYTES:]
         for record in self.senders.feed(data, t_rx_ns, source):
             self._takers.get(type(record), self._first).take(record)
         self._end_of_chunk()
@@ -136,6 +142,13 @@ class Intake:
         for record in self.senders.close():
             self._takers.get(type(record), self._first).take(record)
         self._end_of_chunk()
+
+    def reads(self, data: bytes) -> bool:
+        """Whether most of some bytes are of this line's format."""
+        decoder = self._make_decoder()
+        found = [*decoder.feed(data, 0), *decoder.close()]
+        rejected = sum(len(one.data) for one in found if isinstance(one, Rejected))
+        return 2 * rejected < len(data)
 
     def flush(self) -> list[Measurement]:
         """Give the measurements gathered since the last call, samples before fixes of a chunk."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drivers.imu.kvh import KVH1750, KvhOptions
 from drivers.records import ImuRecord
 from gateway.config import Config
 from gateway.emulator import twin
@@ -177,6 +178,57 @@ def test_bytes_that_are_of_another_format(sea: Sea, said: Callable[[], list[str]
     assert said() == [f"usbl0: {text}"]
     for _ in range(20):  # silence says nothing of the format
         assert sea.look() == [Doubt("usbl0", text)]
+
+
+def test_lines_that_were_swapped(sea: Sea, said: Callable[[], list[str]]) -> None:
+    frame = KVH1750.encode(
+        ImuRecord(
+            t_rx_ns=0,
+            sequence=1,
+            delta_angle_rad=(0.0, 0.0, 0.0),
+            specific_force_m_s2=(0.0, 0.0, -9.8),
+        ),
+        KvhOptions(),
+    )
+    for _ in range(3):
+        for _ in range(100):
+            sea.usbl.feed(frame, 1)
+        sea.look()
+    (text,) = said()
+    assert text.startswith("usbl0: ")
+    assert text.endswith(
+        " of 3600 bytes make no frame of tracklink-lxt, but of kvh1750,"
+        " as imu0 is said to speak: cables swapped?"
+    )
+
+
+def test_sentences_of_another_kind_of_device(said: Callable[[], list[str]]) -> None:
+    """A compass on the cable of the depth sensor: all of it is NMEA."""
+    data = twin.gateway_config(make(demo_data()))
+    link = {"type": "udp", "port": 7009}
+    data["devices"]["depth0"] = {"kind": "depth", "codec": "nmea-depth", "link": link} | {
+        "surface_height_m": 0.0,
+        "noise": {"depth_m": 0.1},
+        "options": {"measures": "depth"},
+    }
+    faults: list[str] = []
+    config = build(Config, data, faults)
+    assert config is not None, faults
+    depth = intakes(config)["depth0"]
+    plausibility = Plausibility([depth])
+    heading, sounding = b"$GPHDT,10.0,T*04\r\n", b"$SDDPT,10.0,0.0*66\r\n"
+    for n in range(4):
+        plausibility.look(WINDOW_S * n)
+        for _ in range(7):
+            depth.feed(heading, n)
+    text = "7 sentences came, and none of a depth device: another one's cable?"
+    assert plausibility.doubts == [Doubt("depth0", text)]
+    assert said() == [f"depth0: {text}"]
+    for n in range(4, 12):
+        depth.feed(sounding, n)
+        depth.feed(heading, n)
+        plausibility.look(WINDOW_S * n)
+    assert plausibility.doubts == []
 
 
 def test_noise_that_is_rejected_in_lumps(sea: Sea, said: Callable[[], list[str]]) -> None:
