@@ -20,9 +20,26 @@ FORMATS: dict[str, dict[str, Any]] = {
     "array": {"codec": "tracklink-lxt"},
     "level": {"codec": "psimssb", "axes": "level"},
 }
+OWN: dict[str, dict[str, Any]] = {
+    "gnss0": {
+        "kind": "gnss",
+        "codec": "nmea-gnss",
+        "clock": {"latency_ms": 80},
+        "lever_arm_m": [-5.0, 0.0, -12.0],
+        "noise": {"position_m": [0.5, 0.5, 1.0], "velocity_m_s": 0.1},
+        "port": {"type": "udp", "port": 7002},
+    },
+    "compass0": {
+        "kind": "heading",
+        "codec": "nmea-heading",
+        "noise": {"heading_deg": 0.5},
+        "port": {"type": "udp", "port": 7003},
+    },
+}
+"""Receiver and compass of a ship that hears no moored beacon."""
 
 
-def scenario(axes: str) -> dict[str, Any]:
+def scenario(axes: str, own: str) -> dict[str, Any]:
     """A ship that circles over a target, its array's direction told in some axes."""
     data = demo_data() | {"duration_s": DURATION_S}
     data["trajectory"] |= {"height_m": 0.0, "radius_m": 150.0}
@@ -35,6 +52,9 @@ def scenario(axes: str) -> dict[str, Any]:
     data["beacons"] = {"B01": data["beacons"]["1"], "B02": rov(**STRAIGHT)}
     if axes == "array":
         data["beacons"] = dict(zip(("1", "2"), data["beacons"].values(), strict=True))
+    if own == "gnss":
+        data["devices"] |= OWN
+        del data["beacons"][min(data["beacons"])]
     return data
 
 
@@ -46,9 +66,11 @@ def table(path: Path) -> dict[str, np.ndarray]:
     return {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
 
 
-@pytest.mark.parametrize("axes", FORMATS)
-def test_a_target_is_where_truth_has_it(tmp_path: Path, axes: str) -> None:
-    sea = twin.for_capture(twin.sound(scenario(axes)))
+@pytest.mark.parametrize(
+    ("axes", "own"), [("array", "beacon"), ("level", "beacon"), ("array", "gnss")]
+)
+def test_a_target_is_where_truth_has_it(tmp_path: Path, axes: str, own: str) -> None:
+    sea = twin.for_capture(twin.sound(scenario(axes, own)))
     emulate(sea, pcap=tmp_path / "sea.pcap", truth=tmp_path / "t.csv", say=lambda _line: None)
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(twin.gateway_config(sea)))
     replay.run([tmp_path / "sea.pcap"], load(tmp_path / "c.yaml"), out=tmp_path, rate_hz=1.0)
