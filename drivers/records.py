@@ -10,6 +10,13 @@ Arrival
 ``line_bytes`` the number of bytes from that first byte to the chunk's end. On a serial line the
 first byte came ``line_bytes`` byte-times before the stamp; on a packet link it came with the stamp.
 Where the instrument itself says how old its measurement was when it spoke, ``age_s`` holds that.
+
+Common names
+------------
+``t_device_s`` is the instrument's own time of the measurement (since it was switched on, of the
+UTC day or since 1970, as its format has it), ``sequence`` its count of frames, modulo what the
+format holds. ``valid`` says whether the instrument vouches for the measurement; where it says why
+not, ``error_code`` has its word. ``sd_…`` is 1 sigma by the instrument itself.
 """
 
 from typing import Literal
@@ -42,7 +49,8 @@ class ImuRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="im
     ``delta_velocity_m_s`` is set: what the frame carries is not converted here, because the
     interval it covers is a question of clocks; ``interval_s`` is set where the frame says it. A
     sample that lacks rotation or acceleration is not ``valid``. ``since_pulse_s`` is the time from
-    the last pulse on the unit's synchronisation input to the sample.
+    the last pulse on the unit's synchronisation input to the sample; ``magnetic_gauss`` what one
+    axis of a magnetometer says, where frames carry one at a time.
     """
 
     sequence: int | None = None
@@ -90,7 +98,8 @@ class UsblRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="u
     carry is None. ``axes`` says what bearing and xyz refer to: the array itself, the same levelled
     (roll and pitch taken out), or north/east/down where the topside has already turned them.
     ``one_way_s`` is the sound's way from the beacon, ``differences`` what direction is made of;
-    ``range_rate_m_s`` is positive when the distance grows.
+    ``range_rate_m_s`` is positive when the distance grows. ``lat_deg`` and ``lon_deg`` are the
+    beacon's place (WGS84), ``depth_m`` its depth below the surface.
     """
 
     beacon: str
@@ -181,7 +190,9 @@ class DvlRecord(Measured, frozen=True, kw_only=True, tag_field="record", tag="dv
 
     ``axes`` says what the components refer to: the instrument's own axes, the same levelled by its
     own tilt sensors, or north/east/down. Without bottom lock ``velocity_m_s`` is None and the
-    record is not ``valid``.
+    record is not ``valid``. ``altitude_m`` is the height above the bottom, ``error_velocity_m_s``
+    by how much the beams contradict each other, ``water_velocity_m_s`` the velocity through water
+    in the same axes.
     """
 
     velocity_m_s: Vec3 | None = None

@@ -135,7 +135,10 @@ class Depth(_Own, frozen=True, tag="depth"):
 
 
 class BottomVelocity(_Own, frozen=True, tag="bottom_velocity"):
-    """Velocity over the bottom (m/s) in the sensor's own axes, with 1-sigma of each component."""
+    """Velocity over the bottom (m/s), with 1-sigma of each component.
+
+    Forward, starboard, down in the sensor's own axes.
+    """
 
     v: Vec3
     sd: Vec3
@@ -162,7 +165,12 @@ Measurement = ImuBlock | Fix
 
 
 class NavSolution(msgspec.Struct, frozen=True, array_like=True, tag="nav"):
-    """The fused solution of the vehicle (IMU position), geodetic WGS84 and NED."""
+    """The fused solution of the vehicle at its IMU.
+
+    ``lat``, ``lon`` (rad) and ``h`` (m above the ellipsoid) are WGS84; ``v_eb_n`` is the velocity
+    over the Earth, north, east, down (m/s); ``roll``, ``pitch`` and ``heading`` (rad, the heading
+    in [0, 2 pi]) are those of ``C_nb``, see `gateway.nav.attitude`.
+    """
 
     t_ns: int
     mode: Mode
@@ -273,8 +281,9 @@ class FilterCounts(FilterTotals, frozen=True, array_like=True, tag="counts"):
 class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
     """The filter at ``t_ns``: what a gateway that was away begins with again.
 
-    ``x`` and ``P`` are the float64 bytes of mean and covariance, ``columns`` the int64 bytes of
-    what the covariance holds.
+    ``x`` (50,) and ``P`` (n, n) are the float64 bytes of mean and covariance, ``columns`` (n,) the
+    int64 bytes of what the covariance holds, see `gateway.fusion.state.State`. The rest is that of
+    `gateway.fusion.memory.Memory`.
     """
 
     t_ns: int
@@ -316,11 +325,12 @@ class Checkpoint(msgspec.Struct, frozen=True, array_like=True, tag="checkpoint")
     its first output then is the one after ``said`` of the old process. Both count from the very
     first process on; states and checkpoints are not counted among the outputs.
 
-    ``state`` holds all measurements up to its time that ever came, later ones too. ``fixes`` are
-    those that had come by then: their repetition is told, those that lie ahead still wait.
-    ``past`` is the (12,) float64 track before the state's time, by time in ns, as far as fixes
-    after it ask for it. The rest are the totals of then. While ``aligning``, ``fixes`` wait for
-    the attitude, and there is no past.
+    ``origin_e`` (m, ECEF) is the local origin of the invariant errors, ``began_ns`` the moment
+    before the first sample. ``state`` holds all measurements up to its time that ever came, later
+    ones too. ``fixes`` are those that had come by then: their repetition is told, those that lie
+    ahead still wait. ``past`` is the (12,) float64 track before the state's time, by time in ns, as
+    far as fixes after it ask for it. The rest are the totals of then. While ``aligning``, ``fixes``
+    wait for the attitude, and there is no past.
     """
 
     state: SavedState

@@ -14,7 +14,15 @@ T = TypeVar("T", float, Array)
 
 
 def turn(angle: T, full: float = 2.0 * math.pi) -> T:
-    """The short way round to an angle, from minus half a turn up to half; a full one is 2 pi."""
+    """The short way round to an angle: from minus half a turn up to half of it.
+
+    Parameters
+    ----------
+    angle
+        (...) in the unit of `full`.
+    full
+        A whole turn: 2 pi rad, or 360 deg.
+    """
     return (angle + 0.5 * full) % full - 0.5 * full
 
 

@@ -1,4 +1,4 @@
-"""Rotations SO(3) and extended poses SE2(3): exponential, logarithm and left Jacobian."""
+"""Rotations SO(3): exponential, logarithm and left Jacobian."""
 
 import math
 

@@ -362,7 +362,17 @@ def _remember(x: Array, row: Array) -> None:
 
 @compiled
 def advance(x: Array, P: Array, row: Array, begin: float, end: float, q: Array) -> None:
-    """Carry mean and covariance over the share ``begin..end`` of one sample's interval."""
+    """Carry mean and covariance over the share ``begin..end`` of one sample's interval.
+
+    Parameters
+    ----------
+    x, P, q
+        As in `run`.
+    row
+        (8,) increments of the whole sample.
+    begin, end
+        Shares of its interval, 0 <= begin < end <= 1.
+    """
     s, steps = _scratch(), steps_of(row, end - begin)
     _take(P, s.top)
     for _ in range(steps):
@@ -378,10 +388,12 @@ def run(x: Array, P: Array, rows: Array, q: Array, track: Array) -> None:
 
     Parameters
     ----------
-    x, P
-        Mean and covariance, changed in place.
+    x
+        (40 + constants,) mean, changed in place.
+    P
+        (n, n) covariance of its additive error, 15 <= n <= 28, changed in place.
     rows
-        (k, 8) increments, oldest first.
+        (k, 8) increments, oldest first, see `gateway.messages.ImuBlock`.
     q
         (4,) noise densities, see `predict`.
     track

@@ -16,7 +16,7 @@ N_CORE, PITCH = sd.N_CORE, sd.PITCH
 
 
 def identity() -> Array:
-    """Phi of no time at all, (15, 25): the last ten columns are room that the kernels want."""
+    """Phi of no time at all, (15, 28): the last columns are room that the kernels want."""
     Phi: Array = np.eye(N_CORE, PITCH)
     return Phi
 
@@ -56,7 +56,7 @@ def run(x: Array, P: Array, Phi: Array, rows: Array, q: Array, track: Array) -> 
     x, P, rows, q, track
         As in `gateway.nav.strapdown.run`.
     Phi
-        (15, 25) see `identity`, changed in place.
+        (15, 28) see `identity`, changed in place.
     """
     s, flat = sd._scratch(), Phi.reshape(-1)
     sd._take(P, s.top)
