@@ -15,7 +15,7 @@ class Chunk(NamedTuple):
     data
         One datagram, or whatever a stream had ready.
     t_rx_ns
-        Receive stamp on the host's CLOCK_MONOTONIC (ns).
+        Receive stamp, the host's own time (ns, see `drivers.hosttime`).
     source
         Who sent it: ``address:port`` or the device path.
     """

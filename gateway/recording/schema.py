@@ -34,7 +34,7 @@ RAW_FORM = Form(
     "usblnav/Raw",
     "ros1msg",
     b"# A chunk of bytes as it came.\n"
-    b"uint64 t_rx_ns  # CLOCK_MONOTONIC of the host\n"
+    b"uint64 t_rx_ns  # of the host, never steps\n"
     b"uint8[] data\n"
     b"string source  # who sent it\n",
 )
