@@ -19,7 +19,7 @@ ABSENCE_S = WINDOW
 
 
 class Placed(msgspec.Struct, frozen=True, array_like=True):
-    """Where a locked clock has the device's count, see `DeviceClock`."""
+    """Where a locked clock has the device's count, see `gateway.clock.DeviceClock`."""
 
     origin_ns: int
     t_last_ns: int
