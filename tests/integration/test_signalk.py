@@ -7,7 +7,7 @@ import os
 import shutil
 import socket
 import urllib.request
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from tests.integration.cables import Cable, UdpEnd
 from tests.integration.rig import Rig, brisk
 from tests.loopback import free_port
 
@@ -28,12 +29,14 @@ pytestmark = [
 SURFACE_M = 12.5
 START_S = 120.0
 """On a busy machine node takes its time."""
+QUALITY = "navigation.gnss.methodQuality"
+RECKONED = {"Estimated (DR) mode"}
 PATHS = (
     "navigation.position",
     "navigation.headingTrue",
     "navigation.speedOverGround",
     "navigation.courseOverGroundTrue",
-    "navigation.gnss.methodQuality",
+    QUALITY,
     "environment.depth.belowTransducer",
     "environment.depth.belowSurface",
 )
@@ -45,13 +48,13 @@ class Model:
     def __init__(self, port: int) -> None:
         self._url = f"http://127.0.0.1:{port}/signalk/v1/api/vessels/self"
 
-    async def until_it_holds(self, sources: tuple[str, ...]) -> dict[str, Any]:
-        """The tree, once every path has a value of each source."""
+    async def until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The tree, once it is so."""
         async with asyncio.timeout(START_S):
             while True:
                 with suppress(OSError):
                     tree = await asyncio.to_thread(self._tree)
-                    if all(value(tree, path, source) for path in PATHS for source in sources):
+                    if condition(tree):
                         return tree
                 await asyncio.sleep(0.2)
 
@@ -108,7 +111,8 @@ def write_settings(folder: Path, port: int, ways: dict[str, dict[str, Any]]) -> 
 
 @pytest.mark.timeout(300)
 async def test_signal_k_holds_the_solution(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, brisk(tmp_path) | {"duration_s": 240})
+    usbl = Cable(UdpEnd())
+    rig = Rig(tmp_path, brisk(tmp_path) | {"duration_s": 240}, {"usbl0": usbl})
     udp, tcp = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
     says = {
         "type": "nmea",
@@ -130,13 +134,24 @@ async def test_signal_k_holds_the_solution(tmp_path: Path) -> None:
         "by_pty": {"type": "serial", "device": pty, "baudrate": 115200},
     }
     sources = ("by_udp.GP", "by_tcp.IN", "by_pty.GP")
-    async with rig.gateway(), rig.emulator():
-        rig.hear_zenoh()
-        await rig.until("a true position", rig.is_right)
-        async with signalk(tmp_path / "signalk", ways) as model:
-            tree = await model.until_it_holds(sources)
-        seen = len(rig.navs)
-        await rig.until("the solutions of that time", lambda: rig.navs[seen + 5 :])
+    with usbl:
+        async with rig.gateway(), rig.emulator():
+            rig.hear_zenoh()
+            await rig.until("a true position", rig.is_right)
+            async with signalk(tmp_path / "signalk", ways) as model:
+                tree = await model.until(
+                    lambda now: all(
+                        value(now, path, source) for path in PATHS for source in sources
+                    )
+                )
+                usbl.cut = True
+                await model.until(
+                    lambda now: (
+                        {value(now, QUALITY, source)["value"] for source in sources} == RECKONED
+                    )
+                )
+            seen = len(rig.navs)
+            await rig.until("the solutions of that time", lambda: rig.navs[seen + 5 :])
     for source in sources:
         judge(rig, tree, source)
 
@@ -159,7 +174,7 @@ def judge(rig: Rig, tree: dict[str, Any], source: str) -> None:
     course, t_s = told("navigation.courseOverGroundTrue")
     nav = navs[round(t_s * 100)]
     assert turn(course, math.atan2(nav.ve_m_s, nav.vn_m_s)) < 1e-4
-    assert told("navigation.gnss.methodQuality")[0] == "GNSS Fix"
+    assert told(QUALITY)[0] == "GNSS Fix"
     # These tell no time; the server puts its own.
     heading, _ = told("navigation.headingTrue")
     assert min(turn(heading, math.radians(nav.heading_deg)) for nav in rig.navs) < 1e-4
