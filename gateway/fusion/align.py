@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.fusion.window import Sway, Window, carried
+from gateway.nav.covariance import GAP_FORCE, GAP_TURN
 from gateway.nav.earth import OMEGA_IE, gravity, radii
 from gateway.nav.lie import exp_so3, skew
-from gateway.nav.strapdown import GAP_FORCE, GAP_TURN
 
 Array = NDArray[np.float64]
 

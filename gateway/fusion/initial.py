@@ -36,8 +36,8 @@ from gateway.fusion.state import (
     State,
 )
 from gateway.fusion.usbl import ArrayGeometry
-from gateway.nav import strapdown as sd
 from gateway.nav.attitude import C_from_euler, euler_error_map
+from gateway.nav.covariance import N_CORE
 from gateway.nav.earth import C_en, lla_to_ecef
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def initial_state(config: Config) -> State:
         _widen(P, DKD, device.prior.range_scale)
         _widen(P, LEVER, device.prior.lever_arm_m)
         _widen(P, LATENCY, device.prior.latency_ms * 1e-3)
-    columns = np.flatnonzero((P.diagonal() > 0.0) | (np.arange(N_FULL) < sd.N_CORE))
+    columns = np.flatnonzero((P.diagonal() > 0.0) | (np.arange(N_FULL) < N_CORE))
     return State.at(
         C @ C_from_euler(roll, pitch, heading),
         C @ np.asarray(first.velocity_ned_m_s),

@@ -117,7 +117,7 @@ class Model:
     error
         The error definition in whose coordinates updates are made.
     q
-        (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
+        (4,) noise densities of the IMU, see `gateway.nav.covariance.predict`.
     gate
         Probability inside the chi-squared gate.
     echoes

@@ -40,7 +40,7 @@ def inflate(saved: SavedState, away_s: float, q: Array) -> SavedState:
     saved
         Its times go on by `away_s`. A clock that began anew (another boot) is the caller's to set.
     q
-        (4,) noise densities of the IMU, see `gateway.nav.strapdown.predict`.
+        (4,) noise densities of the IMU, see `gateway.nav.covariance.predict`.
     """
     x = np.frombuffer(saved.x).copy()
     n = len(saved.columns) // 8

@@ -18,6 +18,7 @@ from gateway.fusion.errors import FAMILY, ErrorDefinition, from_additive
 from gateway.fusion.recording import Knot, RecordingFilter
 from gateway.fusion.state import State
 from gateway.nav import strapdown
+from gateway.nav.covariance import N_CORE
 
 Array = NDArray[np.float64]
 
@@ -132,7 +133,7 @@ def _carry(
     state: State, rows: Array, begin: float, stops: Sequence[float]
 ) -> list[tuple[Array, float]]:
     """Mean at each of the stops, carried from `begin`, and the seconds to it."""
-    x, P, q = state.x.copy(), np.zeros((strapdown.N_CORE, strapdown.N_CORE)), np.zeros(4)
+    x, P, q = state.x.copy(), np.zeros((N_CORE, N_CORE)), np.zeros(4)
     track = np.empty((len(rows[int(begin) : int(stops[-1]) + 1]), 12))
     found, here, elapsed_s = [], begin, 0.0
     for stop in stops:

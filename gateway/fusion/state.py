@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.nav import strapdown as sd
 from gateway.nav.compiled import compiled
+from gateway.nav.covariance import N_CORE
 from gateway.nav.lie import exp_so3
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ N_STATES = 21
 N_FULL = 25
 """With the error of the lever arm (b, m) and of the acoustic latency (s)."""
 
-N_MEAN = sd.N_MEAN + N_FULL - sd.N_CORE
+N_MEAN = sd.N_MEAN + N_FULL - N_CORE
 """Length of the mean."""
 
 _THETA = sd.N_MEAN

@@ -7,12 +7,13 @@ is. Phi is kept as its first 15 rows and columns; the rest of it is the identity
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.nav import covariance as cov
 from gateway.nav import strapdown as sd
 from gateway.nav.compiled import compiled
 
 Array = NDArray[np.float64]
 
-N_CORE, PITCH = sd.N_CORE, sd.PITCH
+N_CORE, PITCH = cov.N_CORE, cov.PITCH
 
 
 def identity() -> Array:
@@ -29,20 +30,20 @@ def whole(Phi: Array, n: int) -> Array:
 
 
 @compiled
-def _step(s: sd._Scratch, x: Array, n: int, flat: Array, row: Array, part: float, q: Array) -> None:
+def _step(s: cov.Scratch, x: Array, n: int, flat: Array, row: Array, part: float, q: Array) -> None:
     """`strapdown._step` that also carries ``Phi <- Phi_k Phi``.  # (M.100)"""
     sd._step(s, x, n, row, part, q)
-    sd._transition(flat, N_CORE, part * row[0], s.u, s.C_mid, s.gradient)
+    cov.apply_transition(flat, N_CORE, part * row[0], s.u, s.C_mid, s.gradient)
 
 
 @compiled
 def advance(x: Array, P: Array, Phi: Array, row: Array, begin: float, end: float, q: Array) -> None:
     """`strapdown.advance` that also carries ``Phi <- Phi_k Phi``.  # (M.100)"""
-    s, flat, steps = sd._scratch(), Phi.reshape(-1), sd.steps_of(row, end - begin)
-    sd._take(P, s.top)
+    s, flat, steps = cov.scratch(), Phi.reshape(-1), sd.steps_of(row, end - begin)
+    cov.take(P, s.top)
     for _ in range(steps):
         _step(s, x, P.shape[0], flat, row, (end - begin) / steps, q)
-    sd._give(s.top, P)
+    cov.give(s.top, P)
     if end == 1.0:
         sd._remember(x, row)
 
@@ -58,8 +59,8 @@ def run(x: Array, P: Array, Phi: Array, rows: Array, q: Array, track: Array) -> 
     Phi
         (15, 28) see `identity`, changed in place.
     """
-    s, flat = sd._scratch(), Phi.reshape(-1)
-    sd._take(P, s.top)
+    s, flat = cov.scratch(), Phi.reshape(-1)
+    cov.take(P, s.top)
     for k in range(rows.shape[0]):
         steps = sd.steps_of(rows[k], 1.0)
         for _ in range(steps):
@@ -67,4 +68,4 @@ def run(x: Array, P: Array, Phi: Array, rows: Array, q: Array, track: Array) -> 
         sd._remember(x, rows[k])
         for i in range(12):
             track[k, i] = x[21 + i]
-    sd._give(s.top, P)
+    cov.give(s.top, P)

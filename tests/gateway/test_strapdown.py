@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.state import ATT, BA, BG, N_STATES, POS, VEL, State
-from gateway.nav import earth, strapdown
+from gateway.nav import covariance, earth, strapdown
 from gateway.nav.lie import log_so3, skew
 from tests.gateway.states import ORIGIN
 from tests.gateway.voyages import perfect_rows, trajectory, true_state
@@ -175,7 +175,7 @@ def step_of(state, row):
     for i in range(last):
         P = np.zeros((N_STATES, N_STATES))
         P[i, last] = P[last, i] = 1.0
-        strapdown.predict(P, row[0], 0.0, u, C_mid, after.r_e, QUIET)
+        covariance.predict(P, row[0], 0.0, u, C_mid, after.r_e, QUIET)
         Phi[:last, i] = P[:last, last]
     return after, Phi, (u, C_mid)
 
@@ -240,10 +240,10 @@ def test_prediction_is_phi_p_phi_and_q():
     q, dt, missing = np.array([0.3, 0.5, 0.7, 0.11]), 0.01, 0.4
     Q = np.zeros(N_STATES)
     Q[:15] = np.repeat([q[0] * dt, q[1] * dt, 0.0, q[2] * dt, q[3] * dt], 3)
-    Q[ATT] += strapdown.GAP_TURN * missing**3 / 3.0
-    Q[VEL] += strapdown.GAP_FORCE * missing**3 / 3.0
+    Q[ATT] += covariance.GAP_TURN * missing**3 / 3.0
+    Q[VEL] += covariance.GAP_FORCE * missing**3 / 3.0
     found = P.copy()
-    strapdown.predict(found, dt, missing**3 / 3.0, u, C_mid, after.r_e, q)
+    covariance.predict(found, dt, missing**3 / 3.0, u, C_mid, after.r_e, q)
     np.testing.assert_allclose(found, Phi @ P @ Phi.T + np.diag(Q), rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(found, found.T)
 
@@ -261,8 +261,8 @@ def test_a_gap_is_as_blind_in_many_shares_as_in_one(shares):
     state = true_state(truth, 0.0)
     for k in range(shares):
         strapdown.advance(state.x, state.P, row, k / shares, (k + 1) / shares, QUIET)
-    walked = np.array([strapdown.GAP_TURN, strapdown.GAP_FORCE]) * gap_s**3 / 3.0
-    fallen = 9.8**2 * strapdown.GAP_TURN * gap_s**5 * 2.0 / 15.0
+    walked = np.array([covariance.GAP_TURN, covariance.GAP_FORCE]) * gap_s**3 / 3.0
+    fallen = 9.8**2 * covariance.GAP_TURN * gap_s**5 * 2.0 / 15.0
     C = earth.C_en(*earth.ecef_to_lla(state.r_e)[:2])
     turned, gained = (np.diag(C.T @ state.P[b, b] @ C) for b in (ATT, VEL))
     np.testing.assert_allclose(turned, walked[0], rtol=1e-3)
