@@ -157,7 +157,7 @@ class Estimator:
     def _go_on(self, at: Checkpoint) -> None:
         """Take over from an earlier process."""
         self._received, self._said = at.received, at.said
-        self._credible = Credible(at.seconds, at.is_credible)
+        self._credible = Credible(at.seconds, at.is_credible, at.t_ns)
         self._samples, self._resets = at.imu_samples, at.resets
         self._t_last_ns = self._taken_ns = at.t_ns
         self._second = at.t_ns // CALIBRATION_PERIOD_NS
@@ -198,6 +198,7 @@ class Estimator:
             self._start = None
         self._come_back(saved(memory, self._t_last_ns), t_ns)
         self._timeline.begin(t_ns)
+        self._credible.pass_over()
         self._samples += 1
         self._t_last_ns = t_ns
         for fix in waiting:
@@ -261,6 +262,7 @@ class Estimator:
             self._samples += len(t_ns)
             self._t_last_ns = int(t_ns[-1])
         if self._start is not None:
+            self._credible.pass_over()
             yield from self._start.take(t_ns, rows)
             start = self._start
             if start.state is None:
@@ -271,7 +273,7 @@ class Estimator:
                 yield from self._feed_fix(fix)
             t_ns, rows = start.samples
         else:
-            self._credible.add(rows)
+            self._credible.add(t_ns, rows)
         if self._timeline.t_head_ns is None:
             for fix in self._timeline.begin(start_ns(t_ns, rows)):
                 yield _refused(fix, Refusal.TOO_LATE)

@@ -301,10 +301,15 @@ class SavedState(msgspec.Struct, frozen=True, array_like=True, tag="state"):
 
 
 class Second(msgspec.Struct, frozen=True, array_like=True):
-    """What the samples of a second hold: turn (rad) and mean specific force (m/s^2), body axes."""
+    """What the samples of a second hold: turn (rad) and mean specific force (m/s^2), body axes.
+
+    ``told_s`` is how long they are by their intervals, ``passed_s`` by their times.
+    """
 
     turned: Vec3
     force: Vec3
+    told_s: float
+    passed_s: float
 
 
 class Aligning(msgspec.Struct, frozen=True, array_like=True):

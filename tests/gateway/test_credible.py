@@ -9,7 +9,13 @@ import pytest
 from gateway.estimator import Estimator
 from gateway.fusion.credible import ENOUGH, OVER, Credible
 from gateway.fusion.state import N_STATES, State
-from gateway.messages import Checkpoint, FilterOutput, Measurement, NavSolution, SavedState
+from gateway.messages import (
+    Checkpoint,
+    FilterOutput,
+    Measurement,
+    NavSolution,
+    SavedState,
+)
 from gateway.modes import Mode
 from gateway.nav import earth
 from gateway.nav.attitude import C_from_euler
@@ -48,6 +54,8 @@ WRONG = {
     "on its nose": lambda rows: turned(rows, 0.0, -90.0),
     "forces in g": lambda rows: scaled(rows, FORCE, 1.0 / G_M_S2),
     "forces twice": lambda rows: scaled(rows, FORCE, 2.0),
+    "of a slower unit": lambda rows: scaled(rows, slice(7), 1.25),
+    "of a faster unit": lambda rows: scaled(rows, slice(7), 0.8),
     "turns in degrees": lambda rows: scaled(rows, TURN, 180.0 / np.pi),
 }
 
@@ -108,6 +116,32 @@ def test_no_smoother_believes_it_either() -> None:
     assert {nav.mode for nav in late} == {Mode.ALIGNING}
 
 
+def ends(rows: np.ndarray) -> np.ndarray:
+    """When samples end that come as fast as they say."""
+    return np.rint(1e9 * np.cumsum(rows[:, 0])).astype(np.int64)
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "is_told", "believed"),
+    [(0.01, False, True), (2.0, False, False), (2.0, True, True)],
+)
+def test_samples_are_as_long_as_the_time_in_which_they_come(
+    pause_s: float, is_told: bool, believed: bool
+) -> None:
+    """Unless somebody says that the time between was left out."""
+    rows = np.zeros((50, 8))
+    rows[:, 0], rows[:, FORCE.stop - 1] = 0.02, -0.02 * G_M_S2
+    at = earth.lla_to_ecef(0.7, 2.0, 0.0)
+    level = State.at(earth.C_en(0.7, 2.0), np.zeros(3), at, np.zeros((N_STATES, N_STATES)))
+    credible = Credible()
+    for second in range(4):
+        credible.add(ends(rows) + round(second * (1.0 + pause_s) * 1e9), rows)
+        credible.end_second(level)
+        if is_told:
+            credible.pass_over()
+    assert credible.is_credible is believed
+
+
 @pytest.mark.parametrize("pitch_deg", [-85.0, -60.0, 0.0, 80.0])
 @pytest.mark.parametrize("gains_m_s2", [0.0, 4.5])
 def test_steep_and_fast_vehicles_are_believed(pitch_deg: float, gains_m_s2: float) -> None:
@@ -121,12 +155,14 @@ def test_steep_and_fast_vehicles_are_believed(pitch_deg: float, gains_m_s2: floa
     rows[:, 0], rows[:, FORCE] = 0.05, 0.05 * f_b
     credible = Credible()
     for _ in range(2 * OVER):
-        credible.add(rows)
+        credible.add(ends(rows), rows)
+        credible.pass_over()
         credible.end_second(state)
     assert credible.is_credible
     assert len(credible.seconds) == OVER
     for _ in range(ENOUGH):
-        credible.add(rows * [1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 1.0])
+        credible.add(ends(rows), rows * [1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 1.0])
+        credible.pass_over()
         credible.end_second(state)
     assert not credible.is_credible
 
@@ -144,19 +180,21 @@ def test_a_vehicle_may_roll_all_the_time() -> None:
             )
             row[FORCE] = -0.02 * C_nb.T @ earth.gravity_n(0.7, -30.0)
         C_nb = np.asarray(C_from_euler(np.radians(60.0) * (second + 1.0), 0.3, 1.0))
-        credible.add(rows)
+        credible.add(ends(rows), rows)
+        credible.pass_over()
         credible.end_second(State.at(C_en @ C_nb, np.zeros(3), at, np.zeros((N_STATES, N_STATES))))
         assert credible.is_credible
     level = np.asarray(C_from_euler(0.0, 0.3, 1.0))  # what says that it does not is not believed
     for _ in range(ENOUGH):
-        credible.add(rows)
+        credible.add(ends(rows), rows)
+        credible.pass_over()
         credible.end_second(State.at(C_en @ level, np.zeros(3), at, np.zeros((N_STATES, N_STATES))))
     assert not credible.is_credible
 
 
 def test_what_stands_in_for_lost_samples_tells_nothing() -> None:
     credible, rows = Credible(), np.ones((5, 8))
-    credible.add(rows)
+    credible.add(ends(rows), rows)
     credible.end_second(
         State.at(np.eye(3), np.zeros(3), np.ones(3), np.zeros((N_STATES, N_STATES)))
     )
