@@ -14,6 +14,7 @@ from gateway.outputs.schema import NavReport, nav_report
 from gateway.recording.events import Batch, Event, Orders, Raw, Report, Run
 from gateway.recording.host import TYPES
 from gateway.recording.reader import RecordedRun
+from gateway.recording.writer import Tape
 from gateway.schema import build
 from tests.gateway.emulated import demo_data, make
 from tests.gateway.test_outputs_schema import OFFSET_NS, solution
@@ -78,3 +79,20 @@ def records_in(path: Path) -> list[Any]:
     """Everything in a file that was closed, one record after the other, with its checksums."""
     with path.open("rb") as file:
         return list(StreamReader(file, validate_crcs=True).records)
+
+
+class Watch:
+    """Clocks in the test's hand: one that only grows, one that is set."""
+
+    now = 0.0
+    unix = 1_780_000_000.0
+
+
+def tape(watch: Watch, folder: Path, **settings: object) -> Tape:
+    return Tape(orders(folder, **settings), lambda: watch.now, lambda: watch.unix)
+
+
+def write(to: Tape, events: list[Event], part: slice = slice(None)) -> None:
+    for batch in batches(events)[part]:
+        to.take(batch)
+        assert to.flush() == batch.first + len(batch.events)
