@@ -29,6 +29,9 @@ GAP_FORCE = 0.3**2
 """Density of the unseen changes of rate ((rad/s)^2/s) and of specific force ((m/s^2)^2/s) in a gap:
 a vessel in a seaway. They are integrated once over the time missing."""
 
+TILTED_S = 10.0
+"""For how long a tilt may stay what it is."""
+
 
 class Scratch(NamedTuple):
     """Room for the work on one sample.
@@ -127,6 +130,19 @@ def give(top: Array, P: Array) -> None:
 
 
 @compiled
+def _bent(top: Array, r: Array) -> float:
+    """Density of the vertical force that a tilt makes in second order, over |r|^2.  # (M.185)"""
+    r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    tilt = 0.0
+    for i in range(3):
+        tilt += top[i * PITCH + i]
+        for j in range(3):
+            tilt -= r[i] * top[i * PITCH + j] * r[j] / r2
+    force = 0.5 * 9.81 * tilt
+    return float(force * force * TILTED_S / r2)
+
+
+@compiled
 def predict_rows(s: Scratch, n: int, dt: float, blind: float, r_e: Array, q: Array) -> None:
     """``P <- Phi P Phi^T + Q`` for the rows in ``s.top``, block by block.  # (M.16), (M.17)"""
     top, square = s.top, s.square
@@ -141,7 +157,10 @@ def predict_rows(s: Scratch, n: int, dt: float, blind: float, r_e: Array, q: Arr
             top[j * PITCH + i] = top[i * PITCH + j]
         for j in range(9):
             top[i * PITCH + j] = 0.5 * (square[i * PITCH + j] + square[j * PITCH + i])
+    bent = _bent(top, r_e) * dt
     for i in range(3):
+        for j in range(3):
+            top[(3 + i) * PITCH + 3 + j] += bent * r_e[i] * r_e[j]
         top[i * PITCH + i] += q[0] * dt + GAP_TURN * blind
         top[(3 + i) * PITCH + 3 + i] += q[1] * dt + GAP_FORCE * blind
         top[(9 + i) * PITCH + 9 + i] += q[2] * dt

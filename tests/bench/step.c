@@ -12,7 +12,7 @@
 
 static const double A = 6378137.0, F = 1.0 / 298.257223563, GM = 3.986004418e14;
 static const double OMEGA_IE = 7.292115e-5, GAMMA_E = 9.7803253359, SOMIGLIANA_K = 0.00193185265241;
-static const double GAP_TURN = 0.05 * 0.05, GAP_FORCE = 0.3 * 0.3;
+static const double GAP_TURN = 0.05 * 0.05, GAP_FORCE = 0.3 * 0.3, TILTED_S = 10.0;
 
 static void gravity(const double r[3], double g[3])  /* (M.10) */
 {
@@ -172,7 +172,17 @@ static void predict(double (*restrict P)[N], double dt, double missing, const do
     for (int i = 0; i < 9; i++)
         for (int j = 0; j <= i; j++)
             P[i][j] = P[j][i] = 0.5 * (square[i][j] + square[j][i]);
-    double blind = missing * missing * missing / 3.0;
+    double blind = missing * missing * missing / 3.0, tilt = 0.0;
+    double r2 = r_e[0] * r_e[0] + r_e[1] * r_e[1] + r_e[2] * r_e[2];
+    for (int i = 0; i < 3; i++) {
+        tilt += P[i][i];
+        for (int j = 0; j < 3; j++)
+            tilt -= r_e[i] * P[i][j] * r_e[j] / r2;
+    }
+    double bent = 0.25 * 9.81 * 9.81 * tilt * tilt * TILTED_S / r2 * dt;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            P[3 + i][3 + j] += bent * r_e[i] * r_e[j];
     for (int i = 0; i < 3; i++) {
         P[i][i] += q[0] * dt + GAP_TURN * blind;
         P[3 + i][3 + i] += q[1] * dt + GAP_FORCE * blind;
