@@ -8,7 +8,7 @@ from importlib import import_module
 from io import TextIOWrapper
 
 from gateway.arguments import command_line
-from gateway.errors import ConfigError, UsblnavError
+from gateway.errors import ConfigError, UsblnavError, cause
 
 INTERRUPTED = 130
 
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         _abandon_stdout()
         place = f"{error.filename}: " if error.filename else ""
-        _complain(f"usblnav: {place}{(error.strerror or str(error)).lower()}")
+        _complain(f"usblnav: {place}{cause(error)}")
         return 1
     return code
 

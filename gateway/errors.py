@@ -22,3 +22,8 @@ class ConfigError(UsblnavError):
         self.file = file
         prefix = f"{file}: " if file else ""
         super().__init__("\n".join(prefix + fault for fault in self.faults))
+
+
+def cause(error: OSError) -> str:
+    """What the system says, as it stands in a line of ours."""
+    return (error.strerror or str(error)).lower()

@@ -17,6 +17,7 @@ import msgspec
 
 from gateway.clock import Clocks, aged
 from gateway.config import Config, StateFile
+from gateway.errors import cause
 from gateway.machine.bootclock import Moment, now, unbelievable
 from gateway.machine.claim import ClaimedError, claim
 from gateway.messages import SavedState
@@ -134,7 +135,7 @@ def resume(path: Path, config: Config, at: Moment) -> Resume:
     except FileNotFoundError:
         return COLD
     except OSError as error:
-        _log.warning("state file %s: %s; starting cold", path, (error.strerror or "").lower())
+        _log.warning("state file %s: %s; starting cold", path, cause(error))
         return COLD
     except StateFileError as error:
         aside = path.with_name(f"{path.name}.{error.suffix}")
@@ -266,7 +267,7 @@ class Keeper:
             self._failed += 1
             if not self._failing:
                 self._failing = True
-                why = (error.strerror or str(error)).lower()
+                why = cause(error)
                 _log.warning("state file %s: %s; trying again", self._path, why)
             return
         self._written += 1

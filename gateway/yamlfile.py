@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, cause
 
 _INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _DECIMAL = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -38,7 +38,7 @@ def read_yaml(path: Path) -> Any:
         loader = _Loader(text.decode("utf-8-sig"))
         data = loader.get_single_data()
     except OSError as error:
-        raise ConfigError((error.strerror or str(error)).lower(), path) from error
+        raise ConfigError(cause(error), path) from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"not UTF-8 text (byte {error.start + 1})", path) from error
     except yaml.reader.ReaderError as error:

@@ -22,7 +22,7 @@ from drivers.senders import SenderCounts, Senders
 from drivers.settings import UdpLink
 from gateway.commands.linktext import read_link
 from gateway.commands.tap import listen
-from gateway.errors import ConfigError, UsblnavError
+from gateway.errors import ConfigError, UsblnavError, cause
 from gateway.schema import build
 from gateway.yamlfile import read_value
 
@@ -123,7 +123,7 @@ def _arrivals(file: str, *, as_hex: bool) -> Iterator[tuple[bytes, int]]:
     try:
         stream = FileIO(sys.stdin.fileno(), closefd=False) if file == "-" else FileIO(file)
     except OSError as error:
-        raise ConfigError(f"{name}: {(error.strerror or str(error)).lower()}") from error
+        raise ConfigError(f"{name}: {cause(error)}") from error
     with stream:
         at_rest = stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
         chunks = iter(lambda: stream.read(CHUNK), b"")

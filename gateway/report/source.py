@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Config, load
 from gateway.emulator.truth import TruthRow
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, cause
 from gateway.nav.attitude import turn
 from gateway.nav.earth import north_east
 from gateway.outputs.files import NAV_DECIMALS
@@ -216,7 +216,7 @@ def _truth(truth: Path) -> dict[str, Array]:
         rows = _rows(truth)
         return {name: np.array([float(row[name]) for row in rows]) for name in TruthRow._fields}
     except OSError as error:
-        raise ConfigError([f"{truth}: {(error.strerror or str(error)).lower()}"]) from error
+        raise ConfigError([f"{truth}: {cause(error)}"]) from error
     except KeyError as error:
         raise ConfigError([f"{truth}: {_NO_TRUTH}: no column {error.args[0]}"]) from error
     except UnicodeDecodeError as error:

@@ -85,7 +85,19 @@ class Cable:
         self.end.close()
 
 
-class UdpEnd:
+class _Loose:
+    """An end whose cable nobody's hand pulls: unplugged, it carries nothing."""
+
+    _plugged = True
+
+    def plug(self) -> None:
+        self._plugged = True
+
+    def unplug(self) -> None:
+        self._plugged = False
+
+
+class UdpEnd(_Loose):
     """Datagrams to the port the gateway listens on."""
 
     def __init__(self, **settings: Any) -> None:
@@ -93,13 +105,6 @@ class UdpEnd:
         self.link = {"type": "udp", "port": self.port, **settings}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(("127.0.0.1", self.port))
-        self._plugged = True
-
-    def plug(self) -> None:
-        self._plugged = True
-
-    def unplug(self) -> None:
-        self._plugged = False
 
     def send(self, data: bytes) -> int:
         if not self._plugged:
@@ -202,22 +207,12 @@ class TcpEnd:
         self.unplug()
 
 
-class SerialEnd:
-    """A real port that is wired to the gateway's, or is the same one with a loopback plug.
-
-    Nobody's hand pulls this cable: unplugged, it carries nothing.
-    """
+class SerialEnd(_Loose):
+    """A real port that is wired to the gateway's, or is the same one with a loopback plug."""
 
     def __init__(self, near: str, far: str, baud: int) -> None:
         self.link = {"type": "serial", "port": far, "baud": baud}
         self._port = open_port(SerialPort(port=near, baud=baud))
-        self._plugged = True
-
-    def plug(self) -> None:
-        self._plugged = True
-
-    def unplug(self) -> None:
-        self._plugged = False
 
     def send(self, data: bytes) -> int:
         if not self._plugged:
