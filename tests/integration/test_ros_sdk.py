@@ -14,7 +14,8 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.integration.rig import ROS, Rig
-from tests.integration.zenoh_ends import session, until
+from tests.integration.zenoh_ends import session
+from tests.loopback import until
 
 sdk = pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk")
 pytestmark = [pytest.mark.live, pytest.mark.slow]
