@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from gateway.fusion.state import State
 from gateway.messages import Second, Vec3
-from gateway.nav.earth import C_en, ecef_to_lla, gravity_n
 from gateway.nav.lie import exp_so3
+from gateway.nav.strapdown import gravity_e
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -103,11 +103,10 @@ class Credible:
 
     def _gains_speed(self, state: State) -> float:
         """How fast (m/s^2), on the mean of the seconds."""
-        lat, lon, h = ecef_to_lla(state.r_e)
-        C_nb, f_n = C_en(lat, lon).T @ state.C_eb, np.zeros(3)
+        C_eb, f_e = state.C_eb, np.zeros(3)
         for second in reversed(self.seconds):
             back = exp_so3(-0.5 * np.array(second.turned))
-            f_n += C_nb @ back @ np.array(second.force)
-            C_nb = C_nb @ back @ back
-        gained = f_n / len(self.seconds) + gravity_n(lat, h)
-        return float(np.linalg.norm(gained))
+            f_e += C_eb @ back @ np.array(second.force)
+            C_eb = C_eb @ back @ back
+        x, y, z = state.r_e.tolist()
+        return float(np.linalg.norm(f_e / len(self.seconds) + gravity_e((x, y, z))))

@@ -24,6 +24,7 @@ def warm_up() -> None:
     rows[:, 0] = 0.005
     strapdown.run(state.x, state.P, rows, q, track)
     strapdown.advance(state.x, state.P, rows[0], 0.0, 1.0, q)
+    strapdown.gravity_e((6.4e6, 0.0, 0.0))
     state.is_sound()
     solution(state, 0, Mode.ALIGNING, None, 0, 0)
     attitudes(rows)

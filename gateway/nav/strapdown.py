@@ -44,7 +44,7 @@ GAP_STEP_S = 0.1
 
 
 @compiled
-def _gravity(r: Vec | Array) -> Vec:
+def gravity_e(r: Vec | Array) -> Vec:
     """Normal gravity with the centrifugal part at ECEF `r`, resolved in e.  # (M.10)
 
     Latitude by Bowring's formula (once is exact to 1e-11 rad near the Earth's surface),
@@ -155,7 +155,7 @@ def mechanise(x: Array, row: Array, part: float, u: Array, C_mid: Array) -> None
     u0 = u[0]
     u[0] += half * u[1]
     u[1] -= half * u0
-    g = _gravity(_plus(_three(x, 12), 0.5 * dt, _three(x, 9)))
+    g = gravity_e(_plus(_three(x, 12), 0.5 * dt, _three(x, 9)))
     vm0 = x[9] + 0.5 * (u[0] + g[0] * dt)
     vm1 = x[10] + 0.5 * (u[1] + g[1] * dt)
     dv = (
