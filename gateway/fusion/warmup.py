@@ -47,3 +47,4 @@ def _use_a_fix(state: State) -> None:
         for error in FAMILY.values():
             update(state.copy(), z, error, state.r_e.copy())
             error.to_additive(state, state.r_e.copy())
+            error.boxplus(state, np.zeros(N_STATES), state.r_e.copy())
