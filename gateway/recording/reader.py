@@ -24,6 +24,8 @@ from gateway.recording.schema import LINE, PULSE, RAW, UTC, read_raw
 from gateway.resume import Resume
 from gateway.schema import build
 
+SUFFIX = ".mcap"
+"""Of the names of recordings, also of one that lost its beginning."""
 REPORTS: dict[str, Topic] = {f"/{topic}": topic for topic in get_args(Topic)}
 
 
@@ -94,7 +96,8 @@ class RecordedRun:
     Raises
     ------
     CaptureError
-        For a file that is no recording of the gateway's, and files of several runs, each named.
+        For a file that is no recording of the gateway's, and files of several runs, each named;
+        and where of no file the beginning can be read, without which it tells nothing.
 
     Attributes
     ----------
@@ -105,12 +108,20 @@ class RecordedRun:
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._parts = sorted((_begin(path) for path in paths), key=lambda part: part.sequence)
+        found = [_tried(path) for path in paths]
+        self._parts = sorted(
+            (part for part in found if isinstance(part, _Part)), key=lambda part: part.sequence
+        )
+        unread = [error for error in found if isinstance(error, _UnreadableError)]
+        if not self._parts:
+            raise unread[0]
         first = self._parts[0]
         _refuse_several(self._parts)
         self.paths = [part.path for part in self._parts]
         self.rate_hz = first.rate_hz
-        self.counts = RecordingCounts(files=len(self._parts), missing=first.sequence)
+        self.counts = RecordingCounts(files=len(found), missing=first.sequence)
+        self.counts.damaged += [Damage(str(e.path), 0, e.path.stat().st_size) for e in unread]
+        self._behind: Damage | None = None
 
     def config(self) -> Config:
         """The configuration that the daemon ran with.
@@ -179,9 +190,9 @@ class RecordedRun:
                 yield event
 
     def _lost_in_damage(self, events: int) -> None:
-        """Note what is missing behind the newest damage, once."""
-        if self.counts.damaged and self.counts.damaged[-1].events is None:
-            self.counts.damaged[-1].events = events
+        """Note what is missing behind the newest damage within a file, once."""
+        if self._behind is not None:
+            self._behind.events, self._behind = events, None
 
     def _numbered(self, part: _Part) -> Iterator[tuple[int, Event]]:
         """The events with their numbers modulo 2**32, without what the writer made of them."""
@@ -201,11 +212,12 @@ class RecordedRun:
             except UnsupportedCompressionError as error:
                 raise CaptureError(f"{part.path}: {error}") from error
             except (msgspec.MsgspecError, ValueError) as error:
-                raise _damaged(part.path, file.tell(), error) from error
+                raise CaptureError(f"{part.path}: {_damaged(file.tell(), error)}") from error
         self.counts.unclosed += not records.is_closed
 
     def _note_damage(self, path: Path, loss: Loss) -> None:
-        self.counts.damaged.append(Damage(str(path), *loss))
+        self._behind = Damage(str(path), *loss)
+        self.counts.damaged.append(self._behind)
 
 
 def _refuse_several(parts: Sequence[_Part]) -> None:
@@ -221,6 +233,22 @@ def _refuse_several(parts: Sequence[_Part]) -> None:
             f"{parts[0].path.parent}: recordings of {len(runs)} runs of the gateway, each read by"
             f" itself; name the files of one: {'; '.join(spans)}"
         )
+
+
+class _UnreadableError(CaptureError):
+    """A file whose beginning cannot be read."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"{path}: {why}")
+        self.path = path
+
+
+def _tried(path: Path) -> "_Part | _UnreadableError":
+    """The beginning of a file, or why there is none."""
+    try:
+        return _begin(path)
+    except _UnreadableError as error:
+        return error
 
 
 def _begin(path: Path) -> _Part:
@@ -239,11 +267,11 @@ def _begin(path: Path) -> _Part:
                 elif isinstance(record, Message):
                     break
         except EndOfFile:
-            raise CaptureError(f"{path}: cut off before its first event") from None
+            raise _UnreadableError(path, "cut off before its first event") from None
         except DAMAGE as error:
             if about is None and file.tell() <= len(MCAP0_MAGIC):
-                raise CaptureError(f"{path}: not a recording (MCAP)") from error
-            raise _damaged(path, file.tell(), error) from error
+                raise _UnreadableError(path, "not a recording (MCAP)") from error
+            raise _UnreadableError(path, _damaged(file.tell(), error)) from error
     raise CaptureError(f"{path}: not a recording of usblnav")
 
 
@@ -255,7 +283,7 @@ def _part(path: Path, about: dict[str, str], resume: dict[str, bytes], config: b
         sequence, rate_hz = int(about["sequence"]), float(about["rate_hz"])
         return _Part(path, about["run"], sequence, rate_hz, about["software"], utc, resume, config)
     except (KeyError, ValueError) as error:
-        raise CaptureError(f"{path}: damaged (what it says of its run)") from error
+        raise _UnreadableError(path, "damaged (what it says of its run)") from error
 
 
 def _is_of_events(topic: str) -> bool:
@@ -274,5 +302,5 @@ def _event(topic: str, message: Message) -> Event:
     return Report(REPORTS[topic], message.log_time, message.data)
 
 
-def _damaged(path: Path, at_byte: int, error: Exception) -> CaptureError:
-    return CaptureError(f"{path}: damaged before byte {at_byte} ({error or type(error).__name__})")
+def _damaged(at_byte: int, error: Exception) -> str:
+    return f"damaged before byte {at_byte} ({error or type(error).__name__})"

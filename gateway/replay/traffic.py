@@ -14,7 +14,7 @@ from gateway.clock.utc import UtcHistory, UtcSample
 from gateway.config import Config
 from gateway.errors import ConfigError, UsblnavError
 from gateway.recording.events import Pulse, Raw
-from gateway.recording.reader import RecordedRun, RecordingCounts, is_recording
+from gateway.recording.reader import SUFFIX, RecordedRun, RecordingCounts, is_recording
 from gateway.resume import COLD
 
 DEFAULT_RATE_HZ = 10.0
@@ -95,7 +95,7 @@ def open_traffic(paths: Sequence[Path], config: Config | None, rate_hz: float | 
     UsblnavError
         For what cannot be read.
     """
-    recordings = [path for path in paths if is_recording(path)]
+    recordings = [path for path in paths if is_recording(path) or path.suffix == SUFFIX]
     if not recordings:
         if config is None:
             raise ConfigError("-c: missing; only a recording holds its configuration")

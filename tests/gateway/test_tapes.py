@@ -87,3 +87,21 @@ def test_of_a_folder_with_two_runs_the_files_of_each_are_named(
     assert cli.main([command, str(tapes), "-o", str(tmp_path / "out")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith(f"name the files of one: {names[0]} to {names[1]}; {names[2]}")
+
+
+@pytest.mark.parametrize("left", [b"", b"\x89MCAP0\r\n", bytes(4096)])
+def test_a_file_without_a_beginning_costs_itself_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], left: bytes
+) -> None:
+    """As a power failure leaves the newest."""
+    tapes = tmp_path / "tapes"
+    whole = record(tapes)
+    lost = whole.with_name(whole.name.replace("000001", "000002"))
+    lost.write_bytes(left)
+    assert cli.main(["export", str(tapes), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert said.err == (f"usblnav: {lost}: damaged at byte 0: {len(left)} bytes, its events lost\n")
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())["recording"]
+    assert (told["files"], told["missing"], told["events"]) == (2, 0, 50)
+    assert cli.main(["replay", str(lost), "-o", str(tmp_path / "again")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
