@@ -182,6 +182,7 @@ class Track:
         if (one.t_ns - state.used_ns) * 1e-9 > self._motion.max_age_s:
             return _begun(one)
         state = self._carried(state, one.t_ns)
+        state.P[:3, :3] += _learned(state.own, one.own)
         S = state.P[:3, :3] + one.R
         residual = one.place - state.x[:3]
         if residual @ np.linalg.solve(S + one.own, residual) > GATE:
@@ -227,3 +228,10 @@ def _agree(refused: list[Array], R: Array) -> bool:
 def _covariance(cov: Covariance3) -> Array:
     nn, ee, dd, ne, nd, ed = cov
     return np.array([[nn, ne, nd], [ne, ee, ed], [nd, ed, dd]])
+
+
+def _learned(then: Array, now: Array) -> Array:
+    """By what our own place has been corrected since, which the track has not.  # (M.176)"""
+    values, axes = np.linalg.eigh(then - now)
+    corrected: Array = (axes * np.maximum(values, 0.0)) @ axes.T
+    return corrected

@@ -166,3 +166,25 @@ def test_what_all_sightings_share_is_not_averaged_away() -> None:
     np.testing.assert_allclose(error(found, np.zeros(3), np.zeros(3))[:3], shared, atol=1e-3)
     np.testing.assert_allclose(found.P[:3, :3] - claimed.P[:3, :3], np.diag([4.0, 1.0, 0.25]))
     assert claimed.P[0, 0] < 0.1
+
+
+def test_a_ship_that_finds_its_place_does_not_see_its_targets_run() -> None:
+    """NEES of 100 runs after the second and third sighting: 6 at most, by the 97.5 % of a mean."""
+    lost, found = 5.0, 0.3
+    nees = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        places, speeds, told = voyage(seed, count=3)
+        own = rng.normal(0.0, found, 3)
+        was = own + rng.normal(0.0, np.sqrt(lost**2 - found**2), 3)
+        track = Track(MOTION)
+        for k, (one, place, speed) in enumerate(zip(told, places, speeds, strict=True)):
+            off, sd = (own, found) if k else (was, lost)
+            seen = place + rng.normal(0.0, SD) + off
+            cov = (sd**2, sd**2, sd**2, 0.0, 0.0, 0.0)
+            track.take(msgspec.structs.replace(sighting(one.t_ns, seen), own_cov=cov))
+            claimed = track.at(one.t_ns)
+            assert claimed is not None
+            e = error(claimed, place, speed)
+            nees.append(e @ np.linalg.solve(claimed.P, e))
+    assert np.reshape(nees, (100, 3)).mean(axis=0).max() < 6.7  # chi-squared of 600 over 100
