@@ -78,6 +78,6 @@ def _text(beacon: str, source: _Source) -> str:
     east = f"{abs(source.east_m):.0f} m {'east' if source.east_m >= 0.0 else 'west'}"
     down = f"{abs(source.down_m):.0f} m {'down' if source.down_m >= 0.0 else 'up'}"
     return (
-        f"{source.refused} fixes{whose} did not fit; then they were believed, and the place went"
-        f" {north}, {east}, {down}: was it wrong, or is what they are told from?"
+        f"the place went {north}, {east}, {down} to fit {source.refused} fixes{whose},"
+        " which were refused: was it wrong, or is what they are told from?"
     )

@@ -268,8 +268,8 @@ def test_where_the_filter_gave_in_is_said_once_and_how_far(
 ) -> None:
     """A beacon that is configured 100 m off, or a start that was wrong: who knows?"""
     text = (
-        '10 fixes of beacon "1" did not fit; then they were believed, and the place went'
-        " 99 m north, 3 m west, 4 m up: was it wrong, or is what they are told from?"
+        'the place went 99 m north, 3 m west, 4 m up to fit 10 fixes of beacon "1",'
+        " which were refused: was it wrong, or is what they are told from?"
     )
     sea.judged(used=5, refused=10)
     sea.moved((99.5, -3.2, -4.1), (-0.5, 0.2, -0.3))
