@@ -44,7 +44,7 @@ class Frames:
         self._period_s = period_s
         self._counted = 0
         self._late: deque[float] = deque(maxlen=SURE)
-        self._worst = 0.0
+        self._worst = self._draining = 0.0
 
     def lost(self, clock: DeviceClock, arrived: int, t_arrival_ns: int) -> int:
         """How many were lost before the ones that came together, the last of them just now.
@@ -56,10 +56,14 @@ class Frames:
         if len(self._late) < SURE:
             return 0
         least = min(self._late)
-        drains = self._late[0] - late > DRAINING
-        lost = floor(least + ROUNDING) if not drains and least > 1.5 * self._worst + 0.5 else 0
+        is_late = least > 1.5 * self._worst + 0.5
+        if is_late and self._late[0] - late > DRAINING:  # or jitter: the next ones tell
+            self._draining = max(self._draining, least)
+            return 0
+        lost = floor(least + ROUNDING) if is_late else 0
         forgotten = min(1.0, arrived * self._period_s / WORST_KEPT_S)
-        self._worst = max(self._worst * (1.0 - forgotten), least - lost)
+        queued = max(least, self._draining) - lost
+        self._worst, self._draining = max(self._worst * (1.0 - forgotten), queued), 0.0
         self._late = deque((one - lost for one in self._late), maxlen=SURE)
         return lost
 

@@ -102,3 +102,17 @@ def test_what_is_lost_stays_bridged():
     assert 0.05 * np.sqrt(m**3 / 3.0) == pytest.approx(0.06 * 0.1)
     assert in_doubt_s(0.0) == 0.0
     assert in_doubt_s(20.0) == 20.0
+
+
+def test_jitter_behind_a_gap_hides_it_for_no_longer_than_itself():
+    """The first frame is late by jitter as well: the third looks as if a queue ran empty."""
+    ingest, gap = imu(), range(1000, 1240)
+    late_ns = {gap.stop: PERIOD_NS * 7 // 10, gap.stop + 1: PERIOD_NS // 10}
+    frames = [k for k in range(FRAMES) if k not in gap]
+    records = [sample(k, T0 + k * PERIOD_NS + late_ns.get(k, 0), sequence=None) for k in frames]
+    t_ns, rows = taken(ingest, records)
+    assert (ingest.counts.gaps, ingest.counts.missing) == (1, len(gap))
+    noticed = t_ns[np.argmax(rows[:, 7] > 0.0)]
+    assert noticed <= T0 + (gap.stop + 4) * PERIOD_NS
+    assert ingest.clock_report().resets == 0
+    np.testing.assert_allclose(t_ns[-1], T0 + (FRAMES - 1) * PERIOD_NS, atol=10_000)
