@@ -156,10 +156,17 @@ class Figures:
 
 
 def memory_mb(pids: Sequence[int]) -> float:
-    """Memory of processes, shared pages shared among them (PSS)."""
+    """Memory of processes that no file is behind, shared pages shared among them (PSS).
+
+    Pages of files, such as libraries, are the fewer ours the more other programs use them.
+    """
     total = 0
     for pid in pids:
         with suppress(OSError):
             rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
-            total += sum(int(line.split()[1]) for line in rollup.splitlines() if line[:4] == "Pss:")
+            total += sum(
+                int(line.split()[1])
+                for line in rollup.splitlines()
+                if line.startswith(("Pss_Anon:", "Pss_Shmem:"))
+            )
     return total / 1000.0
