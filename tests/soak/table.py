@@ -80,7 +80,7 @@ def _memory(figures: Figures) -> Iterator[str]:
         first, last = run.memory[0][1], run.memory[-1][1]
         slope = run.slope_mb_h()
         told = "too short for a slope" if slope is None else f"{slope:+.1f} MB/h"
-        yield f"memory of run {n} (PSS but for files): {first:.0f} MB at first, {last:.0f} at the end, {told}"
+        yield f"memory of run {n}: {first:.0f} MB at first, {last:.0f} at the end, {told}"
 
 
 def _latency(figures: Figures) -> Iterator[str]:
