@@ -15,6 +15,20 @@ CERTAIN = 0.99
 """From here on a fix is taken for what it says: two clean ones of three are, and cost nothing."""
 
 
+WIDE = 30.0
+"""Times the volume of the noise alone: a gate from here on lets all its share of echoes in."""
+
+
+def passing(echoes: float, S: Array, R: Array) -> float:
+    """Share of echoes among what passes a gate of innovation covariance S (m, m).  # (M.183)
+
+    The fewer the narrower it is: little more than the noise R (m, m) where fixes come often, and
+    echoes lie anywhere.
+    """
+    volume = math.sqrt(float(np.linalg.det(S) / np.linalg.det(R)))
+    return echoes * min(1.0, volume / WIDE)
+
+
 def directness(nis: float, rows: int, gate: float, echoes: float) -> float:
     """Probability that a fix of `rows` rows is no echo, by its normalised square.  # (M.183)
 

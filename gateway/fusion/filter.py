@@ -190,18 +190,19 @@ class Filter:
             weakening = robust.inflation(self.model.robust, nis, len(z.residual))
             prior = memory.state.copy()
             self._update_along(_weakened(z, weakening), fix, track)
-            if (share := self._directness(fix, nis, len(z.residual))) < echo.CERTAIN:
+            if (share := self._directness(z, S, nis, fix)) < echo.CERTAIN:
                 error = self.model.error
                 memory.state = echo.mixed(prior, memory.state, share, error, self.origin_e)
             if self.model.adaptive_noise:
                 robust.learn_noise(memory.noise, fix.device, z, S)
         note_used(self.memory, fix)
 
-    def _directness(self, fix: Fix, nis: float, rows: int) -> float:
+    def _directness(self, z: Linearised, S: Array, nis: float, fix: Fix) -> float:
         """Probability that a fix is what it seems: only sound comes by other ways."""
         if not isinstance(fix, Acoustic):
             return 1.0
-        return echo.directness(nis, rows, self.model.gate, self.model.echoes)
+        echoes = echo.passing(self.model.echoes, S, z.R)
+        return echo.directness(nis, len(z.residual), self.model.gate, echoes)
 
     def _use_with_care(self, z: Linearised, fix: Fix, track: Track) -> None:
         """Update in small parts, each linearised anew; or by the place alone.  # (M.36)"""

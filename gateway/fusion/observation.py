@@ -121,7 +121,7 @@ class Model:
     gate
         Probability inside the chi-squared gate.
     echoes
-        Share of echoes among the sound that passes it, see `gateway.fusion.echo`.
+        Share of echoes among the sound that passes it where it is wide, see `gateway.fusion.echo`.
     targets
         Beacons that say nothing of our own place.
     mounts

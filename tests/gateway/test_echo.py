@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 from msgspec import structs
 
-from gateway.fusion.echo import directness, mixed
+from gateway.fusion.echo import WIDE, directness, mixed, passing
 from gateway.fusion.errors import FAMILY
 from gateway.fusion.filter import Filter
 from gateway.fusion.memory import Memory
@@ -109,3 +109,14 @@ def test_who_is_lost_and_knows_the_height_believes_no_other_height(heading_deg):
         state = vehicle(fresh, known.beacons["1"].r_e, [100.0, 100.0, 0.1], np.radians(heading_deg))
         fix = seen(known.arrays["usbl0"], -np.array([-50.0, 90.0, down_m]))
         assert Filter(known, Memory(state)).apply(fix, None).accepted == accepted
+
+
+def test_a_narrow_gate_lets_few_echoes_in():
+    """As it is where fixes come often: what the state is uncertain by is little beside the noise."""
+    R = np.diag([1e-4, 1e-4, 0.25])
+    assert passing(0.02, R, R) == pytest.approx(0.02 / WIDE)
+    assert passing(0.02, 4.0 * R, R) == pytest.approx(0.02 * 8.0 / WIDE)
+    assert passing(0.02, 1e3 * R, R) == 0.02
+    narrow, wide = (directness(14.0, 3, GATE, passing(0.02, k * R, R)) for k in (2.0, 1e3))
+    assert narrow > 0.85
+    assert wide < 0.5

@@ -170,18 +170,14 @@ def test_of_a_capture_cut_off_all_that_came_before_is_written(
         (b"", "empty file"),
         (b"A text, not a capture.\n", "neither pcap nor pcapng"),
         (gzip.compress(b"A text, not a capture.\n", mtime=0), "neither pcap nor pcapng"),
-        (None, "is a directory"),
     ],
-    ids=["empty", "text", "packed text", "directory"],
+    ids=["empty", "text", "packed text"],
 )
 def test_what_is_no_capture_is_one_line(
-    voyage: Voyage, tmp_path: Path, content: bytes | None, said: str
+    voyage: Voyage, tmp_path: Path, content: bytes, said: str
 ) -> None:
     path = tmp_path / "capture"
-    if content is None:
-        path.mkdir()
-    else:
-        path.write_bytes(content)
+    path.write_bytes(content)
     assert one_line(run(voyage, tmp_path / "out", path)) == f"usblnav: {path}: {said}"
 
 
