@@ -112,7 +112,7 @@ def test_who_is_lost_and_knows_the_height_believes_no_other_height(heading_deg):
 
 
 def test_a_narrow_gate_lets_few_echoes_in():
-    """As it is where fixes come often: what the state is uncertain by is little beside the noise."""
+    """As it is where fixes come often: the state is uncertain by little beside the noise."""
     R = np.diag([1e-4, 1e-4, 0.25])
     assert passing(0.02, R, R) == pytest.approx(0.02 / WIDE)
     assert passing(0.02, 4.0 * R, R) == pytest.approx(0.02 * 8.0 / WIDE)
