@@ -67,8 +67,9 @@ def configuration(folder: Path, port: int) -> dict[str, Any]:
 
 
 def niceness(pids: list[int]) -> set[int]:
-    """Of each process; one that has just ended is none."""
-    return {os.getpriority(os.PRIO_PROCESS, pid) for pid in pids if Path(f"/proc/{pid}").exists()}
+    """Of each process, beside our own; one that has just ended is none."""
+    alive = [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+    return {os.getpriority(os.PRIO_PROCESS, pid) - os.nice(0) for pid in alive}
 
 
 @pytest.mark.parametrize(("without", "nice"), [((), {0, 5}), (("setpriority",), {0})])
