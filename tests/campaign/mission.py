@@ -52,15 +52,16 @@ class DeviceRow:
 class Result:
     """What a mission came to.
 
-    ``z`` (n, 3): errors north, east, down in units of their own sigma, each second that the mode
-    said it navigates. ``faults``: what must not be. ``took_s`` is of one core.
+    ``error_m``, ``sd_m`` (n, 3): errors north, east, down and the sigmas claimed, each second that
+    the mode said it navigates. ``faults``: what must not be. ``took_s`` is of one core.
     """
 
     number: int
     error: str
     kinds: tuple[str, ...]
     devices: dict[str, DeviceRow]
-    z: NDArray[np.float64]
+    error_m: NDArray[np.float64]
+    sd_m: NDArray[np.float64]
     modes: Counter[str]
     realignments: int
     mission_s: float
@@ -68,9 +69,19 @@ class Result:
     faults: list[str] = field(default_factory=list)
 
     @property
+    def by_axis(self) -> NDArray[np.float64]:
+        """Errors north, east, down in units of their own sigma, none below zero (n, 3)."""
+        return np.abs(self.error_m) / self.sd_m
+
+    @property
+    def whole(self) -> NDArray[np.float64]:
+        """Distances from the truth in units of the sigma of the position, all axes' (n,)."""
+        return np.asarray(np.linalg.norm(self.error_m, axis=1) / np.linalg.norm(self.sd_m, axis=1))
+
+    @property
     def worst(self) -> float:
-        """The largest of the errors."""
-        return float(np.abs(self.z).max(initial=0.0))
+        """The largest error of an axis."""
+        return float(self.by_axis.max(initial=0.0))
 
 
 class Wire:
@@ -142,12 +153,14 @@ def run(number: int, data: dict[str, Any], error: str) -> Result:
     faults += _unaccounted(rows, devices, counts, samples, given)
     modes = Counter(str(s.mode) for s in solutions)
     starts = [s.mode is Mode.ALIGNING for s in solutions]
+    error_m, sd_m = _errors(trajectory, float(scenario.start), solutions)
     return Result(
         number=number,
         error=error,
         kinds=tuple(sorted({type(f).__struct_config__.tag for f in scenario.faults})),
         devices=rows,
-        z=_normalised(trajectory, float(scenario.start), solutions),
+        error_m=error_m,
+        sd_m=sd_m,
         modes=modes,
         realignments=sum(b and not a for a, b in pairwise(starts)) + counts.resets,
         mission_s=scenario.duration_s,
@@ -211,17 +224,17 @@ def _unaccounted(
         yield f"filter: {given} fixes given, {said} accounted for: {counts}"
 
 
-def _normalised(
+def _errors(
     trajectory: Trajectory, start: float, solutions: list[NavSolution]
-) -> NDArray[np.float64]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     claimed = [s for s in solutions if s.mode in NAVIGATING]
     if not claimed:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), np.empty((0, 3))
     t = np.array([s.t_ns * 1e-9 - start for s in claimed])
     truth = trajectory.geodetic(t)
     R_M, R_N = earth.radii(truth.lat)
     lat, lon, h = np.array([(s.lat, s.lon, s.h) for s in claimed]).T
     north = (lat - truth.lat) * (R_M + truth.h)
     east = (lon - truth.lon) * (R_N + truth.h) * np.cos(truth.lat)
-    error = np.column_stack([north, east, truth.h - h])
-    return np.asarray(error / np.array([s.sd_position for s in claimed]))
+    error_m = np.column_stack([north, east, truth.h - h])
+    return error_m, np.array([s.sd_position for s in claimed])

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.campaign.mission import DeviceRow, Result
 
@@ -12,7 +13,8 @@ WORST = 5.0
 
 HEAD = (
     f"{'':16}{'missions':>9}{'made':>10}{'sent':>10}{'decoded':>10}{'rejected':>9}{'beside':>7}"
-    f"{'taken':>6}{'lost':>8}{'reported':>9}{'|e|>3s':>8}{'worst':>7}{'again':>6}{'x real':>7}"
+    f"{'taken':>6}{'lost':>8}{'reported':>9}{'axis>3s':>8}{'worst':>6}"
+    f"{'pos>3s':>8}{'worst':>6}{'again':>6}{'x real':>7}"
 )
 
 
@@ -51,7 +53,10 @@ def _line(title: str, results: list[Result], devices: Iterable[str] = _DEVICES) 
         f"{total(lambda row: row.verdict.decoded):10}{total(lambda row: row.rejected):9}"
         f"{total(lambda row: row.verdict.beside):7}{total(lambda row: row.verdict.taken):6}"
         f"{total(lambda row: row.sent.dropped):8}{total(lambda row: row.missing):9}"
-        f"{100 * share(results):7.2f}%{max((r.worst for r in results), default=0.0):7.2f}"
+        f"{100 * share(r.by_axis for r in results):7.2f}%"
+        f"{max((r.worst for r in results), default=0.0):6.2f}"
+        f"{100 * share(r.whole for r in results):7.2f}%"
+        f"{max((r.whole.max(initial=0.0) for r in results), default=0.0):6.2f}"
         f"{sum(r.realignments for r in results):6}"
         f"{sum(r.mission_s for r in results) / max(1e-9, sum(r.took_s for r in results)):7.0f}"
     )
@@ -64,10 +69,10 @@ def findings(result: Result) -> list[str]:
     return result.faults
 
 
-def share(results: Iterable[Result]) -> float:
+def share(errors: Iterable[NDArray[np.float64]]) -> float:
     """Part of all errors that is beyond three of their sigma."""
-    z = np.concatenate([np.empty((0, 3)), *(r.z for r in results)])
-    return float((np.abs(z) > BEYOND).mean()) if z.size else 0.0
+    every = np.concatenate([np.empty(0), *(e.ravel() for e in errors)])
+    return float((every > BEYOND).mean()) if every.size else 0.0
 
 
 def _made(row: DeviceRow) -> int:

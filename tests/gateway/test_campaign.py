@@ -52,7 +52,7 @@ def test_a_mission_full_of_damage_accounts_for_every_byte(number):
     assert findings(result) == []
     sent = result.devices["imu0"].sent
     assert min(sent.damaged, sent.dropped, sent.repeated, sent.junk_bytes) > 0
-    assert len(result.z) > 20
+    assert len(result.error_m) > 20
     assert any(line.startswith("all ") for line in lines([result]))
 
 
@@ -80,10 +80,10 @@ def test_a_mission_is_the_same_again_and_far_errors_are_findings():
     data, error = drawn(5, 0, SECONDS)
     data |= {"faults": EVERY_DAMAGE, "duration_s": 20.0}
     result, again = (mission.run(0, data, error) for _ in range(2))
-    np.testing.assert_array_equal(result.z, again.z)
+    np.testing.assert_array_equal(result.error_m, again.error_m)
     assert result.devices == again.devices
     assert findings(result) == []
-    wrong = replace(result, z=np.vstack([result.z, [0.0, 5.1, 0.0]]))
+    wrong = replace(result, error_m=result.sd_m * [0.0, 5.1, 0.0])
     assert len(findings(wrong)) == 1
 
 
