@@ -45,18 +45,24 @@ PATHS = (
 class Model:
     """The server's model of the vessel, by its web interface."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, log: Path) -> None:
+        self._log = log
         self._url = f"http://127.0.0.1:{port}/signalk/v1/api/vessels/self"
 
     async def until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The tree, once it is so."""
-        async with asyncio.timeout(START_S):
-            while True:
-                with suppress(OSError):
-                    tree = await asyncio.to_thread(self._tree)
-                    if condition(tree):
-                        return tree
-                await asyncio.sleep(0.2)
+        tree: dict[str, Any] = {}
+        try:
+            async with asyncio.timeout(START_S):
+                while not (tree and condition(tree)):
+                    await asyncio.sleep(0.2)
+                    with suppress(OSError):
+                        tree = await asyncio.to_thread(self._tree)
+        except TimeoutError:
+            pytest.fail(
+                f"the server has {sorted(tree.get('sources', {}))}\n{self._log.read_text()}"
+            )
+        return tree
 
     def _tree(self) -> dict[str, Any]:
         with urllib.request.urlopen(self._url, timeout=10) as answer:
@@ -78,14 +84,16 @@ async def signalk(folder: Path, ways: dict[str, dict[str, Any]]) -> AsyncIterato
     port = free_port(socket.SOCK_STREAM)
     write_settings(folder, port, ways)
     assert SERVER is not None
-    process = await asyncio.create_subprocess_exec(
-        *(SERVER, "-c", str(folder)),
-        stdout=asyncio.subprocess.DEVNULL,
-        stderr=asyncio.subprocess.DEVNULL,
-        env=os.environ | {"HOME": str(folder)},
-    )
+    log = folder / "server.log"
+    with log.open("wb") as file:
+        process = await asyncio.create_subprocess_exec(
+            *(SERVER, "-c", str(folder)),
+            stdout=file,
+            stderr=file,
+            env=os.environ | {"HOME": str(folder)},
+        )
     try:
-        yield Model(port)
+        yield Model(port, log)
     finally:
         process.terminate()
         await process.wait()
