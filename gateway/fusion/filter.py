@@ -273,11 +273,15 @@ class Filter:
         return float(down @ state.P[ATT, ATT] @ down)
 
     def _gate_is_open(self, fix: Fix) -> bool:
-        """Whether heading or place are too uncertain for a linearised gate to be just."""
+        """Whether heading or place are too uncertain for a linearised gate to be just.  # (M.186)
+
+        A bearing goes with the heading all the way; the place that is made of it goes round.
+        """
         if self.knows_heading():
             return False
+        goes_round = isinstance(fix, UsblFix) and self.model.loose is not None
         lost = self._lost_at(fix) is not None
-        return lost or self._heading_variance() > GATE_MAX_HEADING_SD**2
+        return goes_round or lost or self._heading_variance() > GATE_MAX_HEADING_SD**2
 
     def _refuse(self, fix: Fix, reason: str) -> Innovation:
         """Verdict on a fix that cannot be used."""
