@@ -13,8 +13,6 @@ Array = NDArray[np.float64]
 
 CERTAIN = 0.99
 """From here on a fix is taken for what it says: two clean ones of three are, and cost nothing."""
-
-
 WIDE = 30.0
 """Times the volume of the noise alone: a gate from here on lets all its share of echoes in."""
 

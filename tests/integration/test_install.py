@@ -36,6 +36,10 @@ pytestmark = [
 PAGE = ROOT / "docs" / "install.md"
 CHECKOUT = "/root/usblnav"
 EDITOR = "/root/editor"
+EDIT = """#!/bin/sh
+# What a person does in `systemctl edit`: type these lines in the place for them.
+sed -i '/^### Anything between here/r /root/typed' "$1"
+"""
 USBLNAV = "/opt/usblnav/bin/usblnav"
 EMULATE = f"{USBLNAV} emulate -c /root/scenario.yaml --duration 1200"
 
@@ -133,12 +137,6 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
         log.close()
 
 
-EDIT = """#!/bin/sh
-# What a person does in `systemctl edit`: type these lines in the place for them.
-sed -i '/^### Anything between here/r /root/typed' "$1"
-"""
-
-
 def state_of(machine: Machine) -> str:
     return machine.run("systemctl show -p ActiveState --value usblnav").strip()
 
@@ -188,7 +186,7 @@ def test_the_page_from_its_first_line_to_its_last(machine: Machine) -> None:
 
     machine.run(newer)
     assert state_of(machine) == "active"
-    machine.until("journalctl -u usblnav", "state file")
+    machine.until("journalctl -u usblnav", "going on from a state")
     machine.until("systemctl status usblnav", "Status: .*aided")
 
     machine.run(remove)
