@@ -33,15 +33,18 @@ pytestmark = [
     ),
 ]
 
+MOST_S = 600.0
+"""For a command of the page."""
+SOON_S = 60.0
 PAGE = ROOT / "docs" / "install.md"
-CHECKOUT = "/root/usblnav"
-EDITOR = "/root/editor"
-EDIT = """#!/bin/sh
+HERE = "/mnt"
+"""Where the machine has the folder of the test, with the checkout."""
+EDIT = f"""#!/bin/sh
 # What a person does in `systemctl edit`: type these lines in the place for them.
-sed -i '/^### Anything between here/r /root/typed' "$1"
+sed -i '/^### Anything between here/r {HERE}/typed' "$1"
 """
 USBLNAV = "/opt/usblnav/bin/usblnav"
-EMULATE = f"{USBLNAV} emulate -c /root/scenario.yaml --duration 1200"
+EMULATE = f"{USBLNAV} emulate -c {HERE}/scenario.yaml --duration 1200"
 
 
 @dataclass(frozen=True)
@@ -50,29 +53,29 @@ class Machine:
 
     leader: int
 
-    def shell(self, script: str, timeout_s: float = 600) -> subprocess.CompletedProcess[str]:
+    def shell(self, script: str) -> subprocess.CompletedProcess[str]:
         """Run as root in the checkout, as typed there."""
         given = {name: value for name, value in os.environ.items() if name.startswith("PIP_")}
         given |= {
             "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
-            "HOME": "/root",
-            "SYSTEMD_EDITOR": EDITOR,
+            "HOME": HERE,
+            "SYSTEMD_EDITOR": f"{HERE}/editor",
             "SYSTEMD_PAGER": "cat",
             "DEBIAN_FRONTEND": "noninteractive",
         }
-        script = f"cd {CHECKOUT}; {script}"
+        script = f"cd {HERE}/usblnav; {script}"
         return subprocess.run(
             [*("nsenter", "--target", str(self.leader), "--all"), "bash", "-ec", script],
             env=given,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=timeout_s,
+            timeout=MOST_S,
         )
 
-    def run(self, script: str, timeout_s: float = 600) -> str:
+    def run(self, script: str) -> str:
         """What it prints, if it succeeds."""
-        done = self.shell(script, timeout_s)
+        done = self.shell(script)
         assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
@@ -80,9 +83,9 @@ class Machine:
         """Make a file there, or give it another content."""
         self.run(f"cat > {path} <<'END'\n{text}END\n")
 
-    def until(self, script: str, pattern: str, timeout_s: float = 60) -> str:
+    def until(self, script: str, pattern: str) -> str:
         """What it prints, as soon as that has the pattern in it."""
-        end = time.monotonic() + timeout_s
+        end = time.monotonic() + SOON_S
         while not re.search(pattern, printed := self.shell(script).stdout):
             assert time.monotonic() < end, f"{script}: no {pattern} in\n{printed}"
             time.sleep(0.5)
@@ -98,8 +101,7 @@ def first_process(nspawn: int) -> int | None:
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
     """A Debian whose disk is forgotten at its end, with a checkout in it."""
     folder = tmp_path_factory.mktemp("debian")
-    clone = folder / "usblnav"
-    subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "usblnav")], check=True)
     editor = folder / "editor"
     editor.write_text(EDIT)
     editor.chmod(0o755)
@@ -112,8 +114,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
             *("systemd-nspawn", "--quiet", "--boot", "--volatile=overlay"),
             *(f"--directory={FOLDER}", "--register=no", "--keep-unit"),
             *("--resolv-conf=copy-host", "--console=pipe"),
-            *(f"--bind={clone}:{CHECKOUT}", f"--bind-ro={editor}:{EDITOR}"),
-            f"--bind-ro={settings}:/etc/apt/apt.conf.d/90yes",
+            *(f"--bind={folder}:{HERE}", f"--bind-ro={settings}:/etc/apt/apt.conf.d/90yes"),
             *(f"--bind-ro={path}" for path in shown),
         ],
         # Writable, /sys lets the machine have its own udev.
@@ -123,7 +124,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
         stderr=log,
     )
     try:
-        end = time.monotonic() + 60
+        end = time.monotonic() + SOON_S
         while (leader := first_process(nspawn.pid)) is None:
             assert nspawn.poll() is None, (folder / "boot.log").read_text()
             assert time.monotonic() < end
@@ -162,14 +163,14 @@ def test_the_page_from_its_first_line_to_its_last(machine: Machine) -> None:
     assert state_of(machine) == "failed"
 
     scenario, config = on_udp()
-    machine.write("/root/scenario.yaml", yaml.safe_dump(scenario))
+    machine.write(f"{HERE}/scenario.yaml", yaml.safe_dump(scenario))
     machine.write("/etc/usblnav/config.yaml", yaml.safe_dump(config))
     machine.run(start)
     assert state_of(machine) == "active"
     exposure = machine.run("systemd-analyze security --no-pager usblnav")
     assert "exposure level for usblnav.service: 1.4 OK" in exposure
 
-    machine.run(f"{EMULATE} >/root/emulate.log 2>&1 &")
+    machine.run(f"{EMULATE} >{HERE}/emulate.log 2>&1 &")
     machine.until("systemctl status usblnav", "Status: .*aided")
     machine.until("timeout 3 journalctl -u usblnav -f", "ready: imu0, usbl0")
     machine.until(f"{USBLNAV} status --json", '"fixes_used": ?[1-9]')
@@ -180,7 +181,7 @@ def test_the_page_from_its_first_line_to_its_last(machine: Machine) -> None:
         (devices, "DeviceAllow", "char-ttyTHS"),
     ):
         command, lines = typed(block)
-        machine.write("/root/typed", lines + "\n")
+        machine.write(f"{HERE}/typed", lines + "\n")
         machine.run(f"script -qec '{command}' /dev/null")  # it wants a terminal
         assert wanted in machine.run(f"systemctl show -p {where} usblnav")
 
@@ -191,7 +192,7 @@ def test_the_page_from_its_first_line_to_its_last(machine: Machine) -> None:
 
     machine.run(remove)
     assert machine.shell("systemctl cat usblnav").returncode != 0
-    left = "find / -xdev -name '*usblnav*' -not -path '/root/*' -not -path '/proc/*'"
+    left = "find / -xdev -name '*usblnav*'"
     assert machine.run(left) == ""
     assert machine.shell("getent passwd usblnav").returncode != 0
 
@@ -206,7 +207,7 @@ def a_plotter(machine: Machine) -> None:
     )
     machine.run(install)
     machine.run(stop)
-    machine.run(f"{listen} >/root/gpsd.log 2>&1 & sleep 1")
+    machine.run(f"{listen} >{HERE}/gpsd.log 2>&1 & sleep 1")
     machine.until("timeout 10 gpspipe -w -n 10", '"class":"TPV".*"mode":3')
     machine.run("pkill gpsd")
 
