@@ -98,6 +98,11 @@ class Estimator:
         elif config.initial.align is not None:
             self._start = Start(config)
 
+    @property
+    def owes(self) -> bool:
+        """Whether more is to be done at the newest sample than its solution."""
+        return self._timeline.owes or self._t_last_ns // CALIBRATION_PERIOD_NS != self._second
+
     def feed(self, measurement: Measurement, count: int = 1) -> Iterator[FilterOutput]:
         """Take one measurement in the order of arrival; give what follows from it.
 

@@ -107,6 +107,11 @@ class Timeline(Generic[V]):
         """Time of the newest sample; None before the first."""
         return None if self._began_ns is None else self._history.t_ns(self._history.count)
 
+    @property
+    def owes(self) -> bool:
+        """Whether `catch_up` has something to do."""
+        return self._owes
+
     def extend(self, t_ns: Times, rows: Array) -> list[V]:
         """Take new samples, oldest first, and give the verdicts on measurements they reached.
 

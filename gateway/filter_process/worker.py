@@ -1,6 +1,6 @@
 """The filter process itself: reads measurements from its host, runs the estimator, answers."""
 
-import os
+import select
 import socket
 from collections.abc import Iterable, Iterator
 from itertools import groupby
@@ -26,6 +26,9 @@ from gateway.messages import (
     SavedState,
 )
 
+PAUSE = 0.25
+"""Parts of a sample's interval for which what it brings beside its solution waits."""
+
 
 def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
     """Serve one host until it closes the channel.
@@ -40,9 +43,10 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
     collector = realtime.Collector()
     collector.settle()
     realtime.enter(orders.config.realtime)  # what is not granted, the host has said
+    pause_s = PAUSE / orders.config.imu[1].rate_hz
     taken = said = 0
 
-    def answer(outputs: Iterable[FilterOutput]) -> None:
+    def answer(outputs: Iterable[FilterOutput], *, at_leisure: bool = False) -> None:
         nonlocal said
         for output in outputs:
             if not isinstance(output, SavedState | Checkpoint):
@@ -50,13 +54,16 @@ def serve(channel: socket.socket, progress: Progress, orders: Prepare) -> None:
                 if said <= start.heard:
                     continue
             channel.send(encode(output))
-            if isinstance(output, NavSolution):
-                os.sched_yield()  # whom it is for may wait for this core, and history can
+            if at_leisure and isinstance(output, NavSolution) and estimator.owes:
+                # Whom it is for may wait for this core; what comes meanwhile ends the pause.
+                select.select([channel], [], [], pause_s)
 
     while data := receive(channel):
-        for measurement, count in _runs(read_in_worker(data), start.one_by_one):
+        message = read_in_worker(data)
+        came_in_time = not isinstance(message, Many)
+        for measurement, count in _runs(message, start.one_by_one):
             progress.begin(taken, said, count)
-            answer(estimator.feed(measurement, count))
+            answer(estimator.feed(measurement, count), at_leisure=came_in_time)
             taken += count
             progress.idle()
         collector.quiet()

@@ -106,6 +106,26 @@ def test_outputs_do_not_depend_on_the_batches_while_history_is_run_again():
     assert of(NavSolution, outputs[verdict:])[0].t_ns - arrived < 0.1e9
 
 
+def test_who_gives_a_solution_knows_whether_more_is_to_be_done():
+    """That can wait until the solution is away: the slices after late fixes, and each second."""
+    data = demo_data() | {"duration_s": 12.0, "seed": 4}
+    trip = Voyage(make(data))
+    estimator = Estimator(configuration(trip.scenario), trip.rate_hz)
+    owed, work = [], []
+    for m in trip.arrivals(latency_s=2.5, block_s=1.0 / trip.rate_hz):
+        for output in estimator.feed(m):
+            if isinstance(output, NavSolution):
+                owed.append(estimator.owes)
+                work.append(0)
+            elif isinstance(m, ImuBlock):
+                work[-1] += 1
+        assert not estimator.owes
+    fixes = sum(n == 1 for n in work)
+    assert fixes > 2, "verdicts that come with a slice"
+    assert all(owes for owes, n in zip(owed, work, strict=True) if n)
+    assert sum(owed) < 20 * (12 + fixes) < len(owed) / 2
+
+
 def test_one_run_is_like_the_other():
     _, config, measurements = voyage()
     outputs = fed(Estimator(config, OUTPUT_HZ), measurements)
