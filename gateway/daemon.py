@@ -190,6 +190,7 @@ class _Daemon:
             passage.handed_on(line.name, decoded_ns, sent_ns)
             if isinstance(measurement, ImuBlock):
                 passage.entered(measurement.t_last_ns, t_rx_ns, sent_ns)
+        line.intake.learn()
 
     def _on_output(self, output: FilterOutput) -> None:
         """Hand on what the filter says, in the words of the edge."""

@@ -127,12 +127,15 @@ class DeviceClock:
     def take(self, chunk: Sequence[tuple[int, int]]) -> list[Tick]:
         """Place the counts that came together.  # (M.60)
 
+        What `learn` was not asked for before is done first.
+
         Parameters
         ----------
         chunk
             Counts with their arrivals (ns), all known delays taken off, in the order they came. The
             last says most, for it waited least: none is placed before it is known.
         """
+        self.learn()
         ticks: list[Tick] = []
         seen: list[_Seen] = []
         for value, t_arrival_ns in chunk:
@@ -145,8 +148,25 @@ class DeviceClock:
         self._learn_queue(seen[-1])
         return ticks + [self._place(one) for one in seen]
 
+    def learn(self) -> None:
+        """Find the envelope anew where a stretch has ended: nothing that came waits for that."""
+        envelope = self._envelope
+        if not envelope.owes:
+            return
+        c = (self._last - self._first) * self._unit_s
+        before = envelope.height(c)
+        envelope.fit()
+        if envelope.line.sigma is None:
+            return
+        moved = envelope.height(c) - before
+        self._due_s += moved
+        self._moved(moved)
+        if not envelope.late:  # else it may be no queue
+            self._sure_queue_s = self._queue_s
+
     def memory(self) -> ClockMemory | None:
         """What is worth keeping when this process ends; None where nothing is known."""
+        self.learn()
         known = self._unit_s, self._modulus, self._heritage(), self._sure_queue_s
         if self._locked:
             where = self._origin_ns, self._t_last_ns, self._first, self._last
@@ -211,13 +231,10 @@ class DeviceClock:
         at, height, slope, _ = envelope.line
         y = height + slope * (c - at)
         if envelope.add(c, delay, delay - y):
-            moved = envelope.height(c) - y
-            y += moved
-            self._moved(moved)
-            if envelope.late >= LATE_STRETCHES:
-                return None
-            if not envelope.late:  # else it may be no queue
-                self._sure_queue_s = self._queue_s
+            self._moved(delay - y)
+            y = delay
+        if envelope.late >= LATE_STRETCHES and envelope.line.sigma is not None:
+            return None
         if step > 0:
             self._last, self._due_s = count, c + y
         return c, delay, step * self._unit_s

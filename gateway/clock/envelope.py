@@ -91,6 +91,7 @@ class Envelope:
         self.late = 0
         self._spread_s = 0.0
         self._end: float | None = STRETCH_S
+        self._ended_at: float | None = None
         self._least = (0.0, 0.0)
         self._past: deque[tuple[float, float]] = deque(maxlen=WINDOW)
 
@@ -128,6 +129,11 @@ class Envelope:
         at, height, slope, _ = self.line
         return height + slope * (c - at)
 
+    @property
+    def owes(self) -> bool:
+        """Whether a stretch has ended since the line was found: `fit` has something to do."""
+        return self._ended_at is not None
+
     def add(self, c: float, delay: float, above: float) -> bool:
         """Take the delay of one arrival, so much above the line; tell whether the line moved."""
         if self._end is None:
@@ -136,15 +142,14 @@ class Envelope:
             self._least = (c, delay)
         if above < 0.0:
             self.line = self.line._replace(height=self.line.height + above)
-        return (c >= self._end and self._close(c)) or above < 0.0
+        if c >= self._end:
+            self._close(c)
+        return above < 0.0
 
-    def _close(self, c: float) -> bool:
-        """Keep the least delay of the stretch and find the line anew."""
-        late = self._least[1] - self.height(self._least[0]) > max(LATE_S, STRAY * self._spread_s)
-        self.late = self.late + 1 if late else 0
-        self._past.append(self._least)
-        self._least = (c, inf)
-        self._end = c + STRETCH_S
+    def fit(self) -> None:
+        """Find the line anew from the stretches, for where the last of them ended."""
+        c, self._ended_at = self._ended_at, None
+        assert c is not None
         x, r = np.array(self._past).T
         above = r - self.line.slope * x
         above -= above.min()
@@ -152,9 +157,17 @@ class Envelope:
         self._spread_s = float(np.median(np.abs(above - middle)))
         near = above <= STRAY * middle + RESOLUTION_S
         if np.count_nonzero(near) + self._before.seen < FIT_AFTER:
-            return False
+            return
         self.line, self.jitter_s = line_below(x[near], r[near], c, self._before)
-        return True
+
+    def _close(self, c: float) -> None:
+        """Keep the least delay of the stretch, and begin the next one."""
+        late = self._least[1] - self.height(self._least[0]) > max(LATE_S, STRAY * self._spread_s)
+        self.late = self.late + 1 if late else 0
+        self._past.append(self._least)
+        self._least = (c, inf)
+        self._end = c + STRETCH_S
+        self._ended_at = c
 
 
 def line_below(x: Array, r: Array, at: float, before: Before) -> tuple[Line, float]:

@@ -52,6 +52,11 @@ class PulsedClock:
             return Tick(self._pulsed.locate(value), tick.step_s)
         return tick
 
+    def learn(self) -> None:
+        """Learn how to place what comes next from what came."""
+        self._told.learn()
+        self._pulsed.learn()
+
     def memory(self) -> dict[str, ClockMemory]:
         """What is worth keeping when this process ends, of the sentences and of the pulses."""
         found = {"time": self._told.memory(), "pulse": self._pulsed.memory()}

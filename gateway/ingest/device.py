@@ -52,6 +52,11 @@ class DeviceIngest:
     def end_of_chunk(self) -> None:
         """Nothing more came with the records taken so far."""
 
+    def learn(self) -> None:
+        """Learn how to place what comes next from what came."""
+        if self._day is not None:
+            self._day.learn()
+
     def pulse(self, t_ns: int) -> None:
         """Take the moment at which a second of the device began."""
         if self._day is not None:

@@ -110,6 +110,10 @@ class ImuIngest(DeviceIngest):
         self._t, self._rows = array("q"), array("d")
         return [block]
 
+    def learn(self) -> None:
+        """Learn how to place what comes next from what came."""
+        self._clock.learn()
+
     def clock_report(self) -> ClockReport:
         """How the samples are placed in time."""
         return self._clock.report(self._source)

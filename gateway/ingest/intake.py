@@ -68,6 +68,10 @@ class Ingest(Protocol):
         """Give the measurements gathered since the last call."""
         ...
 
+    def learn(self) -> None:
+        """Learn how to place what comes next from what came."""
+        ...
+
     def pulse(self, t_ns: int) -> None:
         """Take the moment at which a second of the device began."""
         ...
@@ -130,7 +134,11 @@ class Intake:
         return self._first.counts
 
     def feed(self, data: bytes, t_rx_ns: int, source: str = "") -> None:
-        """Take one chunk with its receive stamp, and who sent it."""
+        """Take one chunk with its receive stamp, and who sent it.
+
+        What `learn` was not asked for before is done first.
+        """
+        self.learn()
         self._first.counts.bytes += len(data)
         self.newest = (self.newest + data)[-NEWEST_BYTES:]
         for record in self.senders.feed(data, t_rx_ns, source):
@@ -157,8 +165,14 @@ class Intake:
             gathered += ingest.flush()
         return gathered
 
+    def learn(self) -> None:
+        """Learn from what came how to place what comes next: no measurement waits for that."""
+        for ingest in self.ingests.values():
+            ingest.learn()
+
     def pulse(self, t_ns: int, device: str | None = None) -> None:
         """Take one edge of a device's pulse per second, by the host's monotonic clock."""
+        self.learn()
         self.ingests[device or self.name].pulse(t_ns)
 
     def clock_report(self) -> ClockReport:

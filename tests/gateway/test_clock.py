@@ -98,6 +98,22 @@ def test_a_locked_clock_slews():
     assert 0 < proved.sum() < 30
 
 
+def test_who_asks_to_learn_early_has_the_same_times():
+    """The daemon does, when measurements are away; a replay leaves it to the next chunk."""
+    t_ns = arrivals(np.random.default_rng(4), np.arange(6000) / HZ * (1.0 + 40e-6), 5e-3, 7)
+    pairs = list(zip((np.arange(6000) % 128).tolist(), t_ns.tolist(), strict=True))
+    early, late = DeviceClock(1 / HZ, 128), DeviceClock(1 / HZ, 128)
+    learnt = 0
+    for _, group in groupby(pairs, itemgetter(1)):
+        chunk = list(group)
+        assert early.take(chunk) == late.take(chunk)
+        before = early.drift
+        early.learn()
+        learnt += early.drift != before
+    assert learnt > 20
+    assert early.memory() == late.memory()
+
+
 def test_a_minute_is_remembered():
     clock = DeviceClock(0.05, NEVER)
     placed(clock, np.arange(6000), T0 + np.arange(6000) * 50_000_000)
