@@ -142,6 +142,8 @@ class Envelope:
             self._least = (c, delay)
         if above < 0.0:
             self.line = self.line._replace(height=self.line.height + above)
+        if above < -LATE_S:  # what came before waited in a backlog, or is of another count
+            self._past.clear()
         if c >= self._end:
             self._close(c)
         return above < 0.0

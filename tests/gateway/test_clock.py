@@ -5,7 +5,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gateway.clock.device import LOCKED_AFTER, NEVER, SLEW, DeviceClock
@@ -206,6 +206,8 @@ def test_a_reset_anywhere_is_a_gap_of_the_time_that_passed(counter, at, fraction
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(1, 900), st.integers(0, 127), st.floats(0.3, 20.0))
+@example(222, 0, 0.375)  # as if behind a backlog that ended in its fifth second
+@example(238, 29, 0.717)
 def test_a_sequence_that_begins_again_is_right_in_the_end(at, again, silence_s):
     """A short one leaves open how many turns it missed: that is seen when all stay late."""
     counts, true_s = begun_again(1 / 50.0, 128, at, again, silence_s)
