@@ -26,7 +26,8 @@ RESOLUTION_S = 1e-6
 STRAY = 20.0
 """Delays of more than this many medians say nothing about the line."""
 LATE_S = 0.01
-"""Later than this, and than the other stretches' delays differ, is more than queueing."""
+"""Later than this, and than the other stretches' delays differ, is more than queueing; earlier than
+this, and the stretches before say nothing."""
 
 _GRID = 65
 _NEGLIGIBLE = 16.0
@@ -144,6 +145,7 @@ class Envelope:
             self.line = self.line._replace(height=self.line.height + above)
         if above < -LATE_S:  # what came before waited in a backlog, or is of another count
             self._past.clear()
+            self._ended_at = None
         if c >= self._end:
             self._close(c)
         return above < 0.0

@@ -114,6 +114,17 @@ def test_who_asks_to_learn_early_has_the_same_times():
     assert early.memory() == late.memory()
 
 
+def test_a_backlog_that_drains_as_a_stretch_ends():
+    """At 20 Hz the frames of one chunk end the stretch and void it: the last one tells the time."""
+    clock, late_ns = DeviceClock(0.05, NEVER), 300_000_000
+    true_ns = T0 + 50_000_000 * np.arange(200)
+    for k in range(20):
+        clock.take([(k, int(true_ns[k]) + late_ns)])
+    clock.take([(k, int(true_ns[25])) for k in range(20, 26)])
+    ticks = placed(clock, np.arange(26, 200), true_ns[26:])
+    assert np.abs(errors(ticks, (true_ns[26:] - T0) * 1e-9)).max() < 1e-5
+
+
 def test_a_minute_is_remembered():
     clock = DeviceClock(0.05, NEVER)
     placed(clock, np.arange(6000), T0 + np.arange(6000) * 50_000_000)
